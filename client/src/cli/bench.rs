@@ -1,0 +1,188 @@
+//! `bench`: what each stage of the client costs, on frames made here.
+
+use super::Failure;
+use crate::warp::{Mode, Warper};
+use anyhow::Context;
+use clap::Args;
+use image::RgbImage;
+use rayon::prelude::*;
+use serde::Serialize;
+use std::collections::BTreeMap;
+use std::time::Instant;
+use warplight_protocol::codec::{FrameShape, PlaneBytes, StripDecoder, StripEncoder};
+use warplight_protocol::frame::{FrameFormat, Tree};
+use warplight_protocol::{Camera, ImageSize, Pose};
+use warplight_server::counters::Counters;
+use warplight_server::effects::plan_of;
+use warplight_server::frame::{FrameRenderer, FrameRequest};
+use warplight_server::scene::{DEFAULT_SCENE, Scene};
+use warplight_server::stream::STRIP_ROWS;
+
+/// Arguments of `bench`.
+#[derive(Debug, Args)]
+pub(super) struct BenchArgs {
+    /// Size of the frames.
+    #[arg(long, default_value = "1024x1024", value_name = "WxH")]
+    size: ImageSize,
+    /// Scene whose frame is used: a built-in name, or a path.
+    #[arg(long, default_value = DEFAULT_SCENE, value_name = "S")]
+    scene: String,
+    /// Counted runs of each stage.
+    #[arg(long, default_value_t = 15, value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    runs: u32,
+    /// Samples per pixel of the frame: its noise is what colour costs.
+    #[arg(long, default_value_t = 4, value_parser = clap::value_parser!(u32).range(1..=4096))]
+    spp: u32,
+    /// Print one JSON document.
+    #[arg(long)]
+    json: bool,
+}
+
+/// One measured stage.
+#[derive(Debug, Serialize)]
+struct Row {
+    case: String,
+    stage: String,
+    size: [u32; 2],
+    runs: u32,
+    min_ms: f64,
+    median_ms: f64,
+    max_ms: f64,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    bits_per_pixel: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    megapixels_per_s: Option<f64>,
+}
+
+/// A size, and how often to measure.
+struct Bench {
+    camera: Camera,
+    runs: u32,
+    rows: Vec<Row>,
+}
+
+impl Bench {
+    /// Times `work` after one run that is not counted.
+    fn time(&mut self, case: &str, stage: &str, bits_per_pixel: Option<f64>, mut work: impl FnMut()) {
+        work();
+        let mut millis: Vec<f64> = (0..self.runs)
+            .map(|_| {
+                let start = Instant::now();
+                work();
+                start.elapsed().as_secs_f64() * 1e3
+            })
+            .collect();
+        millis.sort_by(f64::total_cmp);
+        let median_ms = millis[millis.len() / 2];
+        let size = self.camera.size;
+        self.rows.push(Row {
+            case: case.to_owned(),
+            stage: stage.to_owned(),
+            size: [size.width, size.height],
+            runs: self.runs,
+            min_ms: millis[0],
+            median_ms,
+            max_ms: millis[millis.len() - 1],
+            bits_per_pixel,
+            megapixels_per_s: Some(size.pixels() as f64 * 1e-3 / median_ms),
+        });
+    }
+}
+
+/// Runs the command.
+pub(super) fn run(arguments: &BenchArgs) -> Result<(), Failure> {
+    let scene = Scene::load(&arguments.scene)?;
+    let camera = Camera::symmetric(80_f32.to_radians(), arguments.size);
+    let mut bench = Bench { camera, runs: arguments.runs, rows: Vec::new() };
+    let frame = render(&scene, camera, arguments.spp);
+    codec(&mut bench, &scene, &frame)?;
+    warps(&mut bench, &scene, &frame);
+    if arguments.json {
+        let threads = rayon::current_num_threads();
+        let machine = serde_json::json!({ "threads": threads, "arch": std::env::consts::ARCH, "os": std::env::consts::OS });
+        let document = serde_json::json!({ "schema": 1, "machine": machine, "scene": scene.name, "spp": arguments.spp, "rows": bench.rows });
+        println!("{}", serde_json::to_string(&document).context("bench document")?);
+    } else {
+        println!("{:<26} {:<26} {:>9} {:>9} {:>9} {:>9}", "case", "stage", "min ms", "median", "max", "bit/px");
+        for row in &bench.rows {
+            let bits = row.bits_per_pixel.map_or_else(String::new, |bits| format!("{bits:.3}"));
+            println!("{:<26} {:<26} {:>9.2} {:>9.2} {:>9.2} {bits:>9}", row.case, row.stage, row.min_ms, row.median_ms, row.max_ms);
+        }
+    }
+    Ok(())
+}
+
+fn render(scene: &Scene, camera: Camera, spp: u32) -> Tree {
+    let renderer = FrameRenderer::new(std::sync::Arc::new(scene.clone()));
+    let request = FrameRequest { render_pose: scene.head, camera, plan: plan_of(scene), spp, max_depth: 8, seed: 1 };
+    let mut tree = Tree::new(scene.head, camera, request.plan.clone(), renderer.interfaces().clone());
+    renderer.render(&request, &mut tree, &Counters::default(), &|_| ());
+    tree
+}
+
+fn codec(bench: &mut Bench, scene: &Scene, frame: &Tree) -> Result<(), Failure> {
+    let case = format!("codec {}", scene.name);
+    let shape = FrameShape {
+        camera: frame.camera,
+        plan: frame.plan.clone(),
+        interfaces: frame.interfaces.clone(),
+        format: FrameFormat::default(),
+        strip_rows: STRIP_ROWS,
+        exposure: scene.exposure,
+    };
+    let mut source = frame.clone();
+    let mut encode = || -> Vec<(Vec<u8>, Vec<PlaneBytes>)> {
+        let bands = source.bands_mut(u32::from(STRIP_ROWS));
+        let coded = bands.into_par_iter().map_init(
+            || StripEncoder::new(StripEncoder::DEFAULT_LEVEL),
+            |encoder, band| {
+                let mut strip = Vec::new();
+                let planes = encoder.encode(&shape, &band, &mut strip);
+                (strip, planes)
+            },
+        );
+        coded.collect()
+    };
+    let strips = encode();
+    let pixels = frame.camera.size.pixels() as f64;
+    let bits = |bytes: usize| bytes as f64 * 8.0 / pixels;
+    let whole = bits(strips.iter().map(|(strip, _)| strip.len()).sum());
+    bench.time(&case, "encode", Some(whole), || drop(encode()));
+    let mut target = frame.clone();
+    let mut decode = || -> Result<(), warplight_protocol::codec::DecodeError> {
+        let bands = target.bands_mut(u32::from(STRIP_ROWS));
+        bands.into_par_iter().zip(&strips).try_for_each_init(StripDecoder::default, |decoder, (mut band, (strip, _))| {
+            decoder.decode(&shape, strip, &mut band).map(drop)
+        })
+    };
+    decode().context("decoding a strip just encoded")?;
+    bench.time(&case, "decode", Some(whole), || drop(decode()));
+    let mut planes: BTreeMap<_, usize> = BTreeMap::new();
+    for plane in strips.iter().flat_map(|(_, planes)| planes) {
+        *planes.entry((plane.node, plane.kind)).or_default() += plane.bytes;
+    }
+    let size = [frame.camera.size.width, frame.camera.size.height];
+    for ((node, kind), bytes) in planes {
+        let stage = format!("{}.{}", shape.plan.name(usize::from(node)), kind.name());
+        let bits_per_pixel = Some(bits(bytes));
+        bench.rows.push(Row { case: case.clone(), stage, size, runs: 0, min_ms: 0.0, median_ms: 0.0, max_ms: 0.0, bits_per_pixel, megapixels_per_s: None });
+    }
+    Ok(())
+}
+
+fn warps(bench: &mut Bench, scene: &Scene, frame: &Tree) {
+    // Five centimetres aside and two degrees round: a tenth of a second of a lively head.
+    let turn = glam::DQuat::from_rotation_y(2_f64.to_radians());
+    let moved = frame.render_pose.orientation * glam::DVec3::X * 0.05;
+    let display_pose = Pose { position: frame.render_pose.position + moved, orientation: frame.render_pose.orientation * turn };
+    let case = format!("surface {}", (0..frame.plan.nodes().len()).map(|node| frame.plan.letters(node)).collect::<Vec<_>>().join(" "));
+    let mut warper = Warper::default();
+    bench.time(&case, "prepare", None, || warper.prepare(frame));
+    let camera = bench.camera;
+    let mut picture = RgbImage::default();
+    for mode in Mode::ALL {
+        bench.time(&case, mode.name(), None, || {
+            warper.show(mode, &display_pose, &camera, scene.exposure, &mut picture);
+        });
+    }
+}

@@ -1,0 +1,302 @@
+//! `replay`: the main job.
+
+use super::Failure;
+use crate::embedded;
+use crate::link::LinkModel;
+use crate::replay::{Circumstances, ModelledTimes, Progress, ReplayPlan, assess, report_from, run_real, run_virtual};
+use crate::report::page::{PageInput, PictureSet, write_page};
+use crate::report::{ClockKind, summary};
+use crate::trace::Trace;
+use crate::warp::Mode;
+use anyhow::Context;
+use clap::{Args, Parser, ValueEnum};
+use indicatif::{ProgressBar, ProgressStyle};
+use std::io::IsTerminal;
+use std::path::PathBuf;
+use std::time::Duration;
+use warplight_protocol::frame::FrameFormat;
+use warplight_protocol::{Camera, ImageSize};
+use warplight_server::scene::Scene;
+use warplight_server::service::{DEFAULT_MAX_DEPTH, Service, ServiceOptions};
+use warplight_server::session::SampleBudget;
+
+/// Compared refreshes of a replay by default: each costs a converged picture.
+const DEFAULT_COMPARISONS: f64 = 8.0;
+/// Pictures of more refreshes than these would make the page heavy.
+const MAX_PICTURE_SETS: usize = 4;
+/// Seconds replayed by default.
+const DEFAULT_DURATION_S: f64 = 12.0;
+
+/// Which clock a replay runs on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum Clock {
+    /// Real TCP and real time.
+    Real,
+    /// Discrete events over a modelled link: the same seed gives the same report to the byte.
+    Virtual,
+}
+
+/// The named formats of the planes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum Format {
+    /// What measured best.
+    Default,
+    /// Quantised as in the thesis: linear 8-bit colour, 16-bit relative depth.
+    Thesis,
+}
+
+/// Arguments of `replay`.
+#[derive(Debug, Args)]
+pub(super) struct ReplayArgs {
+    /// Server to connect to (host:port); without it a server is started inside this process.
+    #[arg(long, value_name = "ADDR")]
+    connect: Option<String>,
+    /// Scene of the embedded server: a built-in name, or a path to scene.toml, .glb or .gltf.
+    #[arg(long, value_name = "S", conflicts_with = "connect")]
+    scene: Option<String>,
+    /// Head trace (TUM text); without it the built-in one.
+    #[arg(long, value_name = "F.tum")]
+    trace: Option<PathBuf>,
+    /// What is shown: none, rotation or diffuse.
+    #[arg(long, default_value = "diffuse")]
+    mode: Mode,
+    /// Which clock runs.
+    #[arg(long, value_enum, default_value_t = Clock::Real)]
+    clock: Clock,
+    /// Modelled delay each way in milliseconds (virtual clock) [default: 20].
+    #[arg(long, value_parser = non_negative)]
+    latency_ms: Option<f64>,
+    /// Modelled jitter either way in milliseconds (virtual clock) [default: 0].
+    #[arg(long, value_parser = non_negative)]
+    jitter_ms: Option<f64>,
+    /// Modelled rate in megabits per second (virtual clock) [default: unlimited].
+    #[arg(long, value_parser = positive)]
+    rate_mbps: Option<f64>,
+    /// Size of frames and display.
+    #[arg(long, default_value = "512x512", value_name = "WxH")]
+    size: ImageSize,
+    /// Vertical field of view in degrees.
+    #[arg(long, default_value_t = 80.0, value_parser = field_of_view)]
+    fov_deg: f64,
+    /// Frames asked of the server per second.
+    #[arg(long, default_value_t = 10.0, value_parser = rate)]
+    frame_hz: f64,
+    /// Refreshes of the display per second.
+    #[arg(long, default_value_t = 60.0, value_parser = rate)]
+    display_hz: f64,
+    /// Seconds to replay [default: the trace, at most 12].
+    #[arg(long, value_parser = positive)]
+    duration_s: Option<f64>,
+    /// Compare every N-th refresh with the server's converged picture; 0 for none [default: 8 in all].
+    #[arg(long, value_name = "N")]
+    quality_every: Option<u64>,
+    /// Samples per pixel of the converged picture.
+    #[arg(long, default_value_t = 64, value_parser = clap::value_parser!(u32).range(1..=65_536))]
+    quality_spp: u32,
+    /// Samples per pixel of a frame; on the real clock the default is what the time budget allows, on the
+    /// virtual one 8.
+    #[arg(long, value_parser = clap::value_parser!(u32).range(1..=4096))]
+    spp: Option<u32>,
+    /// Time the embedded server has for a frame in milliseconds [default: 80 % of the frame interval].
+    #[arg(long, value_parser = positive)]
+    time_budget_ms: Option<f64>,
+    /// Longest light path of the embedded server in segments.
+    #[arg(long, default_value_t = DEFAULT_MAX_DEPTH, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    max_depth: u32,
+    /// Formats of the planes.
+    #[arg(long, value_enum, default_value_t = Format::Default)]
+    format: Format,
+    /// Seed of everything random.
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Folder for index.html and report.json.
+    #[arg(long, default_value = "out")]
+    out: PathBuf,
+    /// Print report.json on stdout instead of a summary.
+    #[arg(long)]
+    json: bool,
+}
+
+impl Default for ReplayArgs {
+    /// What clap makes of an empty command line.
+    fn default() -> ReplayArgs {
+        #[derive(Parser)]
+        struct Alone {
+            #[command(flatten)]
+            replay: ReplayArgs,
+        }
+        Alone::parse_from(["replay"]).replay
+    }
+}
+
+fn number(text: &str, expected: &str, accepts: impl Fn(f64) -> bool) -> Result<f64, String> {
+    match text.parse() {
+        Ok(value) if accepts(value) => Ok(value),
+        _ => Err(format!("expected {expected}")),
+    }
+}
+
+fn positive(text: &str) -> Result<f64, String> {
+    number(text, "a number above 0, at most 86400", |value| value > 0.0 && value <= 86_400.0)
+}
+
+fn non_negative(text: &str) -> Result<f64, String> {
+    number(text, "a number from 0 to 60000", |value| (0.0..=60_000.0).contains(&value))
+}
+
+fn rate(text: &str) -> Result<f64, String> {
+    number(text, "a rate from 0.01 to 1000 Hz", |value| (0.01..=1000.0).contains(&value))
+}
+
+fn field_of_view(text: &str) -> Result<f64, String> {
+    number(text, "an angle from 1 to 170 degrees", |value| (1.0..=170.0).contains(&value))
+}
+
+/// Runs the command.
+pub(super) fn run(arguments: &ReplayArgs) -> Result<(), Failure> {
+    let plan = plan_of(arguments)?;
+    let bar = bar(arguments.json);
+    let mut progress = |step| show(&bar, step);
+    let mut warnings = Vec::new();
+    let (recording, link) = match arguments.clock {
+        Clock::Virtual => {
+            let service = service_of(arguments, 0, &mut warnings)?;
+            let link = link_of(arguments);
+            let times = ModelledTimes { render: time_budget(arguments), ..ModelledTimes::default() };
+            (run_virtual(&plan, service, link, times, arguments.seed, &mut progress)?, Some(link))
+        }
+        Clock::Real => {
+            if arguments.latency_ms.is_some() || arguments.jitter_ms.is_some() || arguments.rate_mbps.is_some() {
+                return Err(Failure::Input("--latency-ms, --jitter-ms and --rate-mbps model a link: they need --clock virtual".to_owned()));
+            }
+            let address = match &arguments.connect {
+                Some(address) => address.clone(),
+                None => {
+                    // The display keeps a core to itself.
+                    let cores = std::thread::available_parallelism().map_or(1, usize::from);
+                    let service = service_of(arguments, cores.saturating_sub(1).max(1), &mut warnings)?;
+                    embedded::start(service).context("starting the embedded server")?.to_string()
+                }
+            };
+            (run_real(&plan, &address, &mut progress)?, None)
+        }
+    };
+    let quality = assess(&recording, &plan.camera, &mut progress)?;
+    bar.finish_and_clear();
+
+    let circumstances = Circumstances {
+        trace: arguments.trace.as_ref().map_or_else(|| "built-in".to_owned(), |path| path.display().to_string()),
+        seed: arguments.seed,
+        clock: if arguments.clock == Clock::Virtual { ClockKind::Virtual } else { ClockKind::Real },
+        link,
+        warnings,
+    };
+    let report = report_from(&plan, &recording, &quality, circumstances);
+    std::fs::create_dir_all(&arguments.out).with_context(|| format!("{}", arguments.out.display()))?;
+    let json_path = arguments.out.join("report.json");
+    report.write(&json_path).with_context(|| format!("{}", json_path.display()))?;
+    let page_path = arguments.out.join("index.html");
+    let pictures = pictures_of(quality);
+    write_page(&page_path, PageInput { report: &report, pictures: &pictures }).with_context(|| format!("{}", page_path.display()))?;
+    if arguments.json {
+        println!("{}", report.to_json().context("report.json")?);
+    } else {
+        println!("{}", summary(&report, &page_path));
+    }
+    Ok(())
+}
+
+fn plan_of(arguments: &ReplayArgs) -> Result<ReplayPlan, Failure> {
+    if arguments.clock == Clock::Virtual && arguments.connect.is_some() {
+        return Err(Failure::Input("--connect: a server elsewhere has a clock of its own; use --clock real".to_owned()));
+    }
+    let trace = match &arguments.trace {
+        Some(path) => Trace::read(path)?,
+        None => Trace::built_in(),
+    };
+    let duration_s = arguments.duration_s.unwrap_or(DEFAULT_DURATION_S).min(trace.duration_secs());
+    let spacing = (duration_s * arguments.display_hz / DEFAULT_COMPARISONS).max(1.0) as u64;
+    let format = match arguments.format {
+        Format::Default => FrameFormat::default(),
+        Format::Thesis => FrameFormat::thesis(),
+    };
+    Ok(ReplayPlan {
+        trace,
+        duration: Duration::from_secs_f64(duration_s),
+        camera: Camera::symmetric((arguments.fov_deg as f32).to_radians(), arguments.size),
+        frame_hz: arguments.frame_hz,
+        display_hz: arguments.display_hz,
+        mode: arguments.mode,
+        format,
+        quality_every: arguments.quality_every.unwrap_or(spacing),
+        quality_spp: arguments.quality_spp,
+    })
+}
+
+fn time_budget(arguments: &ReplayArgs) -> Duration {
+    Duration::from_secs_f64(arguments.time_budget_ms.unwrap_or(800.0 / arguments.frame_hz) * 1e-3)
+}
+
+fn service_of(arguments: &ReplayArgs, threads: usize, warnings: &mut Vec<String>) -> Result<Service, Failure> {
+    const VIRTUAL_SPP: u32 = 8;
+    let scene = Scene::load(arguments.scene.as_deref().unwrap_or(warplight_server::scene::DEFAULT_SCENE))?;
+    warnings.extend(scene.warnings.iter().cloned());
+    let samples = match (arguments.spp, arguments.clock) {
+        (Some(spp), _) => SampleBudget::Samples(spp),
+        (None, Clock::Virtual) => SampleBudget::Samples(VIRTUAL_SPP),
+        (None, Clock::Real) => SampleBudget::Time(time_budget(arguments)),
+    };
+    let options = ServiceOptions { samples, max_depth: arguments.max_depth, seed: arguments.seed, threads };
+    Ok(Service::new(scene, options).context("starting the rendering threads")?)
+}
+
+fn link_of(arguments: &ReplayArgs) -> LinkModel {
+    const DEFAULT_LATENCY_MS: f64 = 20.0;
+    let millis = |value: f64| Duration::from_secs_f64(value * 1e-3);
+    LinkModel {
+        latency: millis(arguments.latency_ms.unwrap_or(DEFAULT_LATENCY_MS)),
+        jitter: millis(arguments.jitter_ms.unwrap_or(0.0)),
+        rate_bits_per_sec: arguments.rate_mbps.map(|rate| rate * 1e6),
+        stall: None,
+    }
+}
+
+fn pictures_of(quality: crate::replay::QualityRun) -> Vec<PictureSet> {
+    let every = quality.refreshes.len().div_ceil(MAX_PICTURE_SETS).max(1);
+    let chosen = quality.refreshes.into_iter().skip(every / 2).step_by(every);
+    chosen
+        .map(|refresh| PictureSet {
+            title: format!("{:.1} s into the trace", refresh.time.as_secs_f64()),
+            time_s: refresh.time.as_secs_f64(),
+            reference: refresh.reference,
+            modes: refresh
+                .modes
+                .into_iter()
+                .map(|mode| (mode.mode.name().to_owned(), mode.picture, mode.compared.map.to_magma(), mode.compared.error))
+                .collect(),
+        })
+        .collect()
+}
+
+fn bar(quiet: bool) -> ProgressBar {
+    if quiet || !std::io::stderr().is_terminal() {
+        return ProgressBar::hidden();
+    }
+    let style = ProgressStyle::with_template("{msg:>12} {wide_bar} {pos}/{len} {eta:>4}");
+    ProgressBar::new(1).with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()))
+}
+
+fn show(bar: &ProgressBar, step: Progress) {
+    let (message, done, all) = match step {
+        Progress::Connecting => ("connecting", 0, 1),
+        Progress::Displaying(done, all) => ("displaying", done, all),
+        Progress::Reference(done, all) => ("reference", done, all),
+        Progress::Comparing(done, all) => ("comparing", done, all),
+    };
+    if bar.length() != Some(all) || done == 0 {
+        bar.set_length(all);
+        bar.set_message(message);
+        bar.reset_eta();
+    }
+    bar.set_position(done);
+}

@@ -1,0 +1,17 @@
+//! The Warplight client: reprojects the latest frame of a remote path tracer to the head pose of the moment.
+//!
+//! wire -> decode -> warp -> composite -> report; poses flow back. [`session`] (no clock, no socket),
+//! [`assemble`] (strips to frames), [`warp`] (frames to pictures), [`trace`] (where the head is), [`replay`]
+//! (all of it along a trace, in real or virtual time), [`measure`] and [`report`] (what came of it).
+
+pub mod assemble;
+pub mod cli;
+pub mod embedded;
+pub mod link;
+pub mod measure;
+pub mod net;
+pub mod replay;
+pub mod report;
+pub mod session;
+pub mod trace;
+pub mod warp;

@@ -1,0 +1,123 @@
+//! A replay: a head trace is walked through in time, poses go up, frames come down, every display refresh is
+//! warped, and everything is noted down.
+//!
+//! [`virtual_clock`] and [`real_clock`] drive the same sessions, the one in modelled time and the other over
+//! TCP; both give a [`Recording`], from which [`quality`] and [`report`] make what is written.
+
+mod quality;
+mod real_clock;
+mod recording;
+mod report;
+mod virtual_clock;
+
+pub use quality::{QualityRun, assess};
+pub use real_clock::run as run_real;
+pub use recording::{Capture, DisplayRecord, FrameRecord, Recording};
+pub use report::{Circumstances, report_from};
+pub use virtual_clock::{ModelledTimes, run as run_virtual};
+
+use crate::session::SessionEnd;
+use crate::trace::Trace;
+use crate::warp::Mode;
+use std::time::Duration;
+use warplight_protocol::Camera;
+use warplight_protocol::Pose;
+use warplight_protocol::frame::FrameFormat;
+use warplight_protocol::message::{Capabilities, Hello};
+
+/// What to replay.
+#[derive(Clone, Debug)]
+pub struct ReplayPlan {
+    /// Where the head goes, by itself; it is put where the scene has its person.
+    pub trace: Trace,
+    /// How much of it.
+    pub duration: Duration,
+    /// Camera of frames and display.
+    pub camera: Camera,
+    /// Frames asked of the server per second.
+    pub frame_hz: f64,
+    /// Refreshes of the display per second.
+    pub display_hz: f64,
+    /// What is shown.
+    pub mode: Mode,
+    /// Formats of the planes.
+    pub format: FrameFormat,
+    /// Every so many refreshes one is compared with the reference; 0 for none.
+    pub quality_every: u64,
+    /// Samples per pixel of the reference.
+    pub quality_spp: u32,
+}
+
+impl ReplayPlan {
+    /// What the client says first.
+    pub fn hello(&self) -> Hello {
+        Hello {
+            capabilities: Capabilities::ALL,
+            software: concat!("warplight-client ", env!("CARGO_PKG_VERSION")).to_owned(),
+            camera: self.camera,
+            frame_hz: self.frame_hz as f32,
+            format: self.format,
+        }
+    }
+
+    /// Refreshes in the replay.
+    pub fn refreshes(&self) -> u64 {
+        (self.duration.as_secs_f64() * self.display_hz).round() as u64
+    }
+
+    /// Time between two refreshes.
+    pub fn refresh_interval(&self) -> Duration {
+        Duration::from_secs_f64(1.0 / self.display_hz)
+    }
+
+    /// Time of a refresh since the first.
+    pub fn refresh_time(&self, number: u64) -> Duration {
+        Duration::from_secs_f64(number as f64 / self.display_hz)
+    }
+
+    /// Whether a refresh is compared with the reference. The first of them comes after half a period, when
+    /// the session is under way.
+    pub fn is_compared(&self, number: u64) -> bool {
+        self.quality_every > 0 && number % self.quality_every == self.quality_every / 2
+    }
+
+    /// Head poses in the scene, where its person stands at `head`.
+    pub fn placed_trace(&self, head: &Pose) -> Trace {
+        self.trace.placed_at(head)
+    }
+}
+
+/// Why a replay failed.
+#[derive(Debug, thiserror::Error)]
+pub enum ReplayError {
+    /// No session could be opened, or one ended for good.
+    #[error("{0}")]
+    Session(#[from] SessionEnd),
+    /// The server could not be reached.
+    #[error("{address}: {source}")]
+    Connect {
+        /// Where.
+        address: String,
+        /// Why not.
+        source: std::io::Error,
+    },
+    /// No frame arrived.
+    #[error("no frame arrived within {0:?}")]
+    NoFrame(Duration),
+    /// An image metric could not be computed.
+    #[error("image metric: {0}")]
+    Measure(#[from] crate::measure::MeasureError),
+}
+
+/// How far a replay has come.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Progress {
+    /// Waiting for the first frame.
+    Connecting,
+    /// Refreshes shown, of so many.
+    Displaying(u64, u64),
+    /// References received, of so many.
+    Reference(u64, u64),
+    /// Modes compared, of so many.
+    Comparing(u64, u64),
+}

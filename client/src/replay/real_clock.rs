@@ -1,0 +1,199 @@
+//! A replay in real time: the session runs on the network thread, the display loop here.
+//!
+//! At each refresh the head pose of that moment is read off the trace, sent, and the latest frame warped to it.
+//! The picture is on the display at the next refresh; one that is not ready by then is a miss.
+
+use super::{Capture, DisplayRecord, Progress, Recording, ReplayError, ReplayPlan};
+use crate::assemble::ReadyFrame;
+use crate::net::{Command, Connection, News};
+use crate::trace::Trace;
+use crate::warp::Warper;
+use image::RgbImage;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+use warplight_protocol::Timestamp;
+use warplight_protocol::message::{FramePurpose, PoseSample, StillRequest};
+
+/// A server that cannot be reached at all is given up after this; one that was lost is waited for as long.
+const PATIENCE: Duration = Duration::from_secs(10);
+/// A still of many samples takes its time.
+const STILL_PATIENCE: Duration = Duration::from_secs(300);
+
+/// Replays `plan` against the server at `address`.
+pub fn run(plan: &ReplayPlan, address: &str, progress: &mut dyn FnMut(Progress)) -> Result<Recording, ReplayError> {
+    let connect = |source| ReplayError::Connect { address: address.to_owned(), source };
+    let connection = Connection::start(address.to_owned(), plan.hello(), Instant::now()).map_err(connect)?;
+    let mut player = Player { plan, connection, trace: None, latest: None, recording: Recording::default(), lost: None, stills_missing: 0, over: false };
+    progress(Progress::Connecting);
+    player.wait_for_first_frame(address)?;
+    player.play(progress)?;
+    player.fetch_references(progress)?;
+    player.close();
+    Ok(player.recording)
+}
+
+struct Player<'a> {
+    plan: &'a ReplayPlan,
+    connection: Connection,
+    trace: Option<Trace>,
+    latest: Option<Arc<ReadyFrame>>,
+    recording: Recording,
+    lost: Option<String>,
+    stills_missing: usize,
+    over: bool,
+}
+
+impl Player<'_> {
+    fn on_news(&mut self, news: News) -> Result<(), ReplayError> {
+        match news {
+            News::Open(welcome) => {
+                if self.recording.welcome.is_some() {
+                    self.recording.reconnects += 1;
+                }
+                self.lost = None;
+                self.trace = Some(self.plan.placed_trace(&welcome.head));
+                self.recording.welcome = Some(welcome);
+            }
+            News::Frame(frame) => self.on_frame(frame),
+            News::Statistics(statistics) => self.recording.statistics = statistics,
+            News::Lost(why) => {
+                tracing::warn!("connection lost: {why}");
+                self.lost = Some(why);
+            }
+            News::Failed(end) => return Err(end.into()),
+            News::Over(bytes_per_plane) => {
+                self.recording.bytes_per_plane = bytes_per_plane;
+                self.over = true;
+            }
+        }
+        Ok(())
+    }
+
+    fn on_frame(&mut self, frame: Arc<ReadyFrame>) {
+        if let FramePurpose::Still(number) = frame.begin.purpose {
+            self.stills_missing = self.stills_missing.saturating_sub(1);
+            self.recording.reference_arrived(number, &frame.tree, frame.begin.shape.exposure);
+            self.connection.tell(Command::Retire(frame));
+            return;
+        }
+        self.recording.frame_arrived(&frame);
+        if let Some(old) = self.latest.replace(frame) {
+            self.connection.tell(Command::Retire(old));
+        }
+    }
+
+    fn drain_news(&mut self) -> Result<(), ReplayError> {
+        while let Some(news) = self.connection.news() {
+            self.on_news(news)?;
+        }
+        Ok(())
+    }
+
+    /// The head stands still at the start of the trace until there is something to see.
+    fn wait_for_first_frame(&mut self, address: &str) -> Result<(), ReplayError> {
+        let deadline = self.connection.now() + PATIENCE;
+        while self.latest.is_none() {
+            let now = self.connection.now();
+            if now >= deadline {
+                let why = self.lost.take().unwrap_or_else(|| "no frame arrived".to_owned());
+                let source = std::io::Error::new(std::io::ErrorKind::TimedOut, why);
+                return Err(ReplayError::Connect { address: address.to_owned(), source });
+            }
+            if let Some(trace) = &self.trace {
+                self.connection.tell(Command::Pose(PoseSample { time: now, pose: trace.pose_at(0.0) }));
+            }
+            if let Some(news) = self.connection.wait_for_news(self.plan.refresh_interval()) {
+                self.on_news(news)?;
+            }
+        }
+        Ok(())
+    }
+
+    fn play(&mut self, progress: &mut dyn FnMut(Progress)) -> Result<(), ReplayError> {
+        let mut warper = Warper::default();
+        let mut prepared = None;
+        let mut picture = RgbImage::default();
+        let start = self.connection.now();
+        self.recording.start = start;
+        let refreshes = self.plan.refreshes();
+        for number in 0..refreshes {
+            let refresh = start + self.plan.refresh_time(number);
+            self.connection.sleep_until(refresh);
+            self.drain_news()?;
+            let (Some(trace), Some(frame)) = (&self.trace, &self.latest) else { continue };
+            let time = self.plan.refresh_time(number);
+            let display_pose = trace.pose_at(time.as_secs_f64());
+            let sampled = self.connection.now();
+            // A loop that is late skips the refreshes it has missed.
+            if sampled >= refresh + self.plan.refresh_interval() {
+                continue;
+            }
+            self.connection.tell(Command::Pose(PoseSample { time: sampled, pose: display_pose }));
+            if prepared != Some(frame.begin.id) {
+                warper.prepare(&frame.tree);
+                prepared = Some(frame.begin.id);
+            }
+            warper.show(self.plan.mode, &display_pose, &self.plan.camera, frame.begin.shape.exposure, &mut picture);
+            let warped = self.connection.now();
+            let frame = frame.clone();
+            self.record(number, &frame, sampled, warped, refresh);
+            progress(Progress::Displaying(number + 1, refreshes));
+        }
+        self.recording.down_bytes = self.connection.traffic().down_bytes();
+        self.recording.up_bytes = self.connection.traffic().up_bytes();
+        Ok(())
+    }
+
+    fn record(&mut self, number: u64, frame: &Arc<ReadyFrame>, sampled: Timestamp, warped: Timestamp, refresh: Timestamp) {
+        let time = self.plan.refresh_time(number);
+        let Some(display_pose) = self.trace.as_ref().map(|trace| trace.pose_at(time.as_secs_f64())) else { return };
+        let interval = self.plan.refresh_interval();
+        // On the display at the first refresh after the warp.
+        let intervals = (warped.since(refresh).as_secs_f64() / interval.as_secs_f64()).ceil().max(1.0);
+        let presented = refresh + interval.mul_f64(intervals);
+        self.recording.displays.push(DisplayRecord {
+            time,
+            motion_to_photon: presented.since(sampled),
+            warp: warped.since(sampled),
+            frame: frame.begin.id,
+            frame_age: presented.since(frame.begin.pose_time),
+            missed: intervals > 1.0,
+        });
+        self.recording.frame_shown(frame.begin.id, warped, presented, display_pose);
+        if self.plan.is_compared(number) {
+            self.recording.captures.push(Capture { time, display_pose, frame: frame.clone(), reference: None });
+        }
+    }
+
+    /// Asks for the converged picture of every compared refresh, and for the first of them once more.
+    fn fetch_references(&mut self, progress: &mut dyn FnMut(Progress)) -> Result<(), ReplayError> {
+        let poses = self.recording.reference_poses();
+        let total = poses.len() as u64;
+        for (number, pose) in (0_u32..).zip(poses) {
+            progress(Progress::Reference(u64::from(number), total));
+            self.stills_missing = 1;
+            self.connection.tell(Command::Still(StillRequest { number, pose, spp: self.plan.quality_spp }));
+            let deadline = self.connection.now() + STILL_PATIENCE;
+            while self.stills_missing > 0 {
+                if let Some(news) = self.connection.wait_for_news(Duration::from_millis(100)) {
+                    self.on_news(news)?;
+                }
+                if self.lost.is_some() || self.connection.now() >= deadline {
+                    tracing::warn!("the reference at refresh {number} did not arrive");
+                    return Ok(());
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn close(&mut self) {
+        self.connection.tell(Command::Close);
+        while !self.over {
+            let Some(news) = self.connection.wait_for_news(Duration::from_secs(1)) else { break };
+            if self.on_news(news).is_err() {
+                break;
+            }
+        }
+    }
+}

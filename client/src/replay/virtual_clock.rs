@@ -1,0 +1,335 @@
+//! A replay in virtual time: both sessions, a modelled link between them, and a clock that jumps from event to
+//! event. The same seed gives the same recording to the byte, on any machine.
+//!
+//! Frames are really rendered, encoded and decoded; only what that *takes* is modelled ([`ModelledTimes`]),
+//! as is the link. The warp of refreshes that nobody compares is not computed.
+
+use super::{Capture, DisplayRecord, Progress, Recording, ReplayError, ReplayPlan};
+use crate::assemble::{Assembler, ReadyFrame};
+use crate::link::{Link, LinkModel};
+use crate::session::{ClientSession, Event};
+use crate::trace::Trace;
+use std::collections::VecDeque;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+use warplight_protocol::codec::Limits;
+use warplight_protocol::frame::FrameId;
+use warplight_protocol::message::{FramePurpose, PoseSample, StillRequest};
+use warplight_protocol::{Pose, Timestamp};
+use warplight_server::service::Service;
+use warplight_server::session::ServerSession;
+use warplight_server::stream::FrameStream;
+
+/// What work is said to take. The defaults are medians of a two-core machine at 512x512 with four nodes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ModelledTimes {
+    /// Rendering a frame.
+    pub render: Duration,
+    /// Encoding a pixel through all its nodes, in nanoseconds.
+    pub encode_ns_per_pixel: f64,
+    /// Decoding it.
+    pub decode_ns_per_pixel: f64,
+    /// Warping it.
+    pub warp_ns_per_pixel: f64,
+}
+
+impl Default for ModelledTimes {
+    fn default() -> ModelledTimes {
+        ModelledTimes { render: Duration::from_millis(80), encode_ns_per_pixel: 30.0, decode_ns_per_pixel: 30.0, warp_ns_per_pixel: 20.0 }
+    }
+}
+
+/// Nothing arrives for this long: the replay fails instead of running on for ever.
+const PATIENCE: Duration = Duration::from_secs(30);
+
+/// Replays `plan` against a server of `service`, over `link` both ways.
+pub fn run(
+    plan: &ReplayPlan,
+    service: Service,
+    link: LinkModel,
+    times: ModelledTimes,
+    seed: u64,
+    progress: &mut dyn FnMut(Progress),
+) -> Result<Recording, ReplayError> {
+    let mut world = World::new(plan, service, link, times, seed);
+    progress(Progress::Connecting);
+    world.wait_for_first_frame()?;
+    let refreshes = plan.refreshes();
+    for number in 0..refreshes {
+        world.run_until(world.recording.start + plan.refresh_time(number))?;
+        world.refresh(number);
+        progress(Progress::Displaying(number + 1, refreshes));
+    }
+    world.recording.down_bytes = world.down.bytes();
+    world.recording.up_bytes = world.up.bytes();
+    world.fetch_references(progress)?;
+    Ok(world.finish())
+}
+
+struct World<'a> {
+    plan: &'a ReplayPlan,
+    times: ModelledTimes,
+    now: Timestamp,
+    server: ServerSession,
+    stream: FrameStream,
+    client: ClientSession,
+    assembler: Assembler,
+    up: Link,
+    down: Link,
+    server_work: VecDeque<(Timestamp, ServerWork)>,
+    decoding: VecDeque<(Timestamp, Arc<ReadyFrame>)>,
+    trace: Option<Trace>,
+    latest: Option<Arc<ReadyFrame>>,
+    recording: Recording,
+    references_missing: usize,
+}
+
+/// What the renderer will have done by some time.
+enum ServerWork {
+    Strip(FrameId, Vec<u8>),
+    End { frame: FrameId, render_end: Timestamp, counters: Vec<(String, u64)> },
+}
+
+impl<'a> World<'a> {
+    fn new(plan: &'a ReplayPlan, service: Service, link: LinkModel, times: ModelledTimes, seed: u64) -> World<'a> {
+        let now = Timestamp::ZERO;
+        World {
+            plan,
+            times,
+            now,
+            server: ServerSession::new(service.session.clone(), now),
+            stream: FrameStream::new(service),
+            client: ClientSession::new(plan.hello(), Limits::default(), now),
+            assembler: Assembler::default(),
+            up: Link::new(link, seed.wrapping_mul(2)),
+            down: Link::new(link, seed.wrapping_mul(2).wrapping_add(1)),
+            server_work: VecDeque::new(),
+            decoding: VecDeque::new(),
+            trace: None,
+            latest: None,
+            recording: Recording::default(),
+            references_missing: 0,
+        }
+    }
+
+    /// The head stands still at the start of the trace until there is something to see.
+    fn wait_for_first_frame(&mut self) -> Result<(), ReplayError> {
+        let deadline = self.now + PATIENCE;
+        while self.latest.is_none() {
+            if self.now >= deadline {
+                return Err(ReplayError::NoFrame(PATIENCE));
+            }
+            if let Some(trace) = &self.trace {
+                self.client.push_pose(PoseSample { time: self.now, pose: trace.pose_at(0.0) });
+            }
+            self.run_until(self.now + self.plan.refresh_interval())?;
+        }
+        self.recording.start = self.now;
+        Ok(())
+    }
+
+    /// Lets everything happen up to and including `until`.
+    fn run_until(&mut self, until: Timestamp) -> Result<(), ReplayError> {
+        loop {
+            self.settle()?;
+            let next = self.next_event();
+            if next > until {
+                self.now = self.now.max(until);
+                return Ok(());
+            }
+            self.now = self.now.max(next);
+        }
+    }
+
+    /// Everything that is due now, until nothing more is.
+    fn settle(&mut self) -> Result<(), ReplayError> {
+        let mut again = true;
+        while again {
+            again = false;
+            while let Some(bytes) = self.up.receive(self.now) {
+                self.server.on_bytes(self.now, &bytes);
+                again = true;
+            }
+            while let Some(bytes) = self.down.receive(self.now) {
+                self.client.on_bytes(self.now, &bytes);
+                again = true;
+            }
+            again |= self.serve();
+            again |= self.attend()?;
+        }
+        self.server.on_timeout(self.now);
+        self.client.on_timeout(self.now);
+        match self.client.end() {
+            Some(end) => Err(end.clone().into()),
+            None => Ok(()),
+        }
+    }
+
+    /// The server's part.
+    fn serve(&mut self) -> bool {
+        let mut active = false;
+        while let Some((_, work)) = self.server_work.pop_front_if(|(at, _)| *at <= self.now) {
+            active = true;
+            match work {
+                ServerWork::Strip(frame, bytes) => self.server.on_strip(self.now, frame, bytes),
+                ServerWork::End { frame, render_end, counters } => self.server.on_render_end(self.now, frame, render_end, counters),
+            }
+        }
+        if let Some(job) = self.server.poll_render(self.now) {
+            active = true;
+            let strips = Mutex::new(Vec::new());
+            self.stream.run(&job, &|| (), &|strip| strips.lock().unwrap_or_else(PoisonError::into_inner).push(strip));
+            let mut strips = strips.into_inner().unwrap_or_else(PoisonError::into_inner);
+            // Workers finish in any order; the first two bytes are the row.
+            strips.sort_by_key(|strip| [strip[1], strip[0]]);
+            self.schedule(&job.begin, strips);
+        }
+        let mut bytes = Vec::new();
+        while self.down.has_room(self.now) && self.server.poll_transmit(self.now, &mut bytes) {
+            self.down.send(self.now, std::mem::take(&mut bytes));
+            active = true;
+        }
+        active
+    }
+
+    /// Spreads the strips of a frame over the time it is said to take.
+    fn schedule(&mut self, begin: &warplight_protocol::message::FrameBegin, strips: Vec<Vec<u8>>) {
+        let render = if begin.purpose == FramePurpose::Live { self.times.render } else { Duration::ZERO };
+        let pixels = begin.shape.camera.size.pixels() as f64;
+        let count = strips.len().max(1) as f64;
+        let encode = Duration::from_secs_f64(self.times.encode_ns_per_pixel * 1e-9 * pixels / count);
+        for (index, strip) in strips.into_iter().enumerate() {
+            let rendered = self.now + render.mul_f64((index + 1) as f64 / count);
+            self.server_work.push_back((rendered + encode, ServerWork::Strip(begin.id, strip)));
+        }
+        let render_end = self.now + render;
+        let end = ServerWork::End { frame: begin.id, render_end, counters: self.stream.counters() };
+        self.server_work.push_back((render_end + encode, end));
+    }
+
+    /// The client's part.
+    fn attend(&mut self) -> Result<bool, ReplayError> {
+        let mut active = false;
+        while let Some(event) = self.client.poll_event() {
+            active = true;
+            if let Err(error) = self.on_event(event) {
+                self.client.refuse(error);
+                break;
+            }
+        }
+        while let Some((_, frame)) = self.decoding.pop_front_if(|(at, _)| *at <= self.now) {
+            active = true;
+            self.on_ready(frame);
+        }
+        let mut bytes = Vec::new();
+        while self.up.has_room(self.now) && self.client.poll_transmit(self.now, &mut bytes) {
+            self.up.send(self.now, std::mem::take(&mut bytes));
+            active = true;
+        }
+        Ok(active)
+    }
+
+    fn on_event(&mut self, event: Event) -> Result<(), warplight_protocol::codec::DecodeError> {
+        match event {
+            Event::Welcome(welcome) => {
+                self.trace = Some(self.plan.placed_trace(&welcome.head));
+                self.recording.welcome = Some(welcome);
+            }
+            Event::FrameBegin(begin) => self.assembler.begin(begin),
+            Event::Strip(strip) => {
+                let pixels = self.plan.camera.size.pixels() as f64;
+                let strips = f64::from(self.plan.camera.size.height).max(1.0) / f64::from(warplight_server::stream::STRIP_ROWS);
+                let modelled = Duration::from_secs_f64(self.times.decode_ns_per_pixel * 1e-9 * pixels / strips.max(1.0));
+                self.assembler.strip(&strip, || modelled)?;
+            }
+            Event::FrameEnd(end) => {
+                // All strips but the last were decoded while the next one was under way.
+                let pixels = self.plan.camera.size.pixels() as f64;
+                let strips = (f64::from(self.plan.camera.size.height) / f64::from(warplight_server::stream::STRIP_ROWS)).max(1.0);
+                let decoded = self.now + Duration::from_secs_f64(self.times.decode_ns_per_pixel * 1e-9 * pixels / strips);
+                let frame = self.assembler.end(end, self.now, decoded)?;
+                self.decoding.push_back((decoded, frame));
+            }
+            Event::Statistics(statistics) => self.recording.statistics = statistics,
+            Event::RoundTrip(_) => {}
+        }
+        Ok(())
+    }
+
+    fn on_ready(&mut self, frame: Arc<ReadyFrame>) {
+        if let FramePurpose::Still(number) = frame.begin.purpose {
+            self.references_missing = self.references_missing.saturating_sub(1);
+            self.recording.reference_arrived(number, &frame.tree, frame.begin.shape.exposure);
+            self.assembler.retire(frame);
+            return;
+        }
+        self.client.acknowledge(frame.begin.id, self.now.since(frame.begin.pose_time));
+        self.recording.frame_arrived(&frame);
+        if let Some(old) = self.latest.replace(frame) {
+            self.assembler.retire(old);
+        }
+    }
+
+    fn next_event(&self) -> Timestamp {
+        let mut next = self.server.next_timeout().min(self.client.next_timeout());
+        let arrivals = [self.up.next_arrival(), self.down.next_arrival()];
+        let work = [self.server_work.front().map(|work| work.0), self.decoding.front().map(|work| work.0)];
+        for time in arrivals.into_iter().chain(work).flatten() {
+            next = next.min(time);
+        }
+        for link in [&self.up, &self.down] {
+            if !link.has_room(self.now) {
+                next = next.min(link.room_at());
+            }
+        }
+        // Time moves on, whatever the sessions say.
+        next.max(self.now + Duration::from_micros(1))
+    }
+
+    fn refresh(&mut self, number: u64) {
+        let (Some(trace), Some(frame)) = (&self.trace, &self.latest) else { return };
+        let time = self.plan.refresh_time(number);
+        let display_pose = trace.pose_at(time.as_secs_f64());
+        self.client.push_pose(PoseSample { time: self.now, pose: display_pose });
+        let pixels = self.plan.camera.size.pixels() as f64;
+        let warp = Duration::from_secs_f64(self.times.warp_ns_per_pixel * 1e-9 * pixels);
+        let interval = self.plan.refresh_interval();
+        // Shown at the next refresh, or at the first one after the warp.
+        let intervals = (warp.as_secs_f64() / interval.as_secs_f64()).ceil().max(1.0);
+        let motion_to_photon = interval.mul_f64(intervals);
+        let presented = self.now + motion_to_photon;
+        self.recording.displays.push(DisplayRecord {
+            time,
+            motion_to_photon,
+            warp,
+            frame: frame.begin.id,
+            frame_age: presented.since(frame.begin.pose_time),
+            missed: intervals > 1.0,
+        });
+        self.recording.frame_shown(frame.begin.id, self.now + warp, presented, display_pose);
+        if self.plan.is_compared(number) {
+            self.recording.captures.push(Capture { time, display_pose, frame: frame.clone(), reference: None });
+        }
+    }
+
+    /// Asks for the converged picture of every compared refresh, and for the first of them once more.
+    fn fetch_references(&mut self, progress: &mut dyn FnMut(Progress)) -> Result<(), ReplayError> {
+        let poses: Vec<Pose> = self.recording.reference_poses();
+        let total = poses.len() as u64;
+        for (number, pose) in (0_u32..).zip(poses) {
+            self.client.request_still(StillRequest { number, pose, spp: self.plan.quality_spp });
+            self.references_missing = 1;
+            progress(Progress::Reference(u64::from(number), total));
+            while self.references_missing > 0 {
+                self.run_until(self.now + Duration::from_millis(100))?;
+            }
+        }
+        Ok(())
+    }
+
+    fn finish(mut self) -> Recording {
+        self.client.close();
+        self.recording.bytes_per_plane = self.assembler.bytes_per_plane().clone();
+        self.recording
+    }
+}

@@ -1,0 +1,119 @@
+//! The tables of the page.
+
+use super::html::{bytes, count, escaped, figure, table};
+use crate::measure::{Interval, Percentiles};
+use crate::report::Report;
+
+/// Image error of every mode.
+pub(super) fn quality(report: &Report) -> String {
+    let row = |quality: &crate::report::ModeQuality| {
+        let with_tail = |spread: Option<Percentiles>, tail: fn(&Percentiles) -> f64, scale: f64| match spread {
+            Some(spread) => [figure(spread.p50 * scale), figure(tail(&spread) * scale)],
+            None => ["–".into(), "–".into()],
+        };
+        let mut cells = vec![escaped(&quality.mode)];
+        cells.extend(with_tail(quality.psnr_db, |spread| spread.min, 1.0));
+        cells.extend(with_tail(quality.dssim, |spread| spread.p95, 1.0));
+        cells.extend(with_tail(quality.flip, |spread| spread.p95, 1.0));
+        cells.extend(with_tail(quality.hole_fraction, |spread| spread.p95, 100.0));
+        cells.push(count(quality.compared_frames));
+        cells
+    };
+    let columns = ["Mode", "PSNR, dB", "worst", "DSSIM", "p95", "FLIP", "p95", "Holes, %", "p95", "Frames"];
+    let rows: Vec<Vec<String>> = report.quality.iter().map(row).collect();
+    table("Image error by mode, medians and tails", &columns, &rows)
+}
+
+/// Delays end to end, the prediction that hides them, and delays per stage in the order of the pipeline.
+pub(super) fn latency(report: &Report) -> String {
+    const COLUMNS: [&str; 6] = ["ms", "p50", "p95", "p99", "max", "Samples"];
+    let latency = &report.latency_ms;
+    let whole = [("motion to photon", latency.motion_to_photon), ("frame age", latency.frame_age)];
+    let whole: Vec<Vec<String>> =
+        whole.into_iter().filter_map(|(name, spread)| Some(row(name.into(), spread?))).collect();
+
+    let mut stages: Vec<(&String, &Percentiles)> = latency.stages.iter().collect();
+    let place = |name: &str| Interval::STEPS.iter().position(|step| step.name() == Some(name));
+    stages.sort_by_key(|(name, _)| (place(name).unwrap_or(usize::MAX), *name));
+    let stage = |(name, spread): (&String, &Percentiles)| {
+        let ends = match Interval::named(name) {
+            Some(interval) => format!("<small>{interval}</small>"),
+            None if name == "warp" => "<small>per display frame</small>".into(),
+            None => String::new(),
+        };
+        row(format!("{} {ends}", escaped(name)), *spread)
+    };
+    let stages: Vec<Vec<String>> = stages.into_iter().map(stage).collect();
+    format!(
+        "<div class=\"tables\">\n<div>{}{}</div>\n<div>{}</div></div>\n",
+        table("End to end", &COLUMNS, &whole),
+        prediction(report),
+        table("Per stage", &COLUMNS, &stages)
+    )
+}
+
+/// What went over the link, and what the server did for it.
+pub(super) fn link_and_work(report: &Report) -> String {
+    format!("<div class=\"tables\">\n<div>{}</div>\n<div>{}</div></div>\n", link(report), counters(report))
+}
+
+fn link(report: &Report) -> String {
+    let link = &report.link;
+    let mut rows = vec![
+        vec!["from the server".into(), bytes(link.down_bytes)],
+        vec!["to the server".into(), bytes(link.up_bytes)],
+        vec!["mean rate down".into(), format!("{} Mbit/s", figure(link.down_mbps))],
+        vec!["frames sent".into(), count(link.frames_sent)],
+        vec!["frames shown".into(), count(link.frames_shown)],
+        vec!["frames replaced by a newer one".into(), count(link.frames_replaced)],
+        vec!["reconnections".into(), count(link.reconnects)],
+    ];
+    let modelled =
+        [("delay", link.latency_ms, "ms"), ("jitter", link.jitter_ms, "ms"), ("rate", link.rate_mbps, "Mbit/s")];
+    for (name, value, unit) in modelled {
+        if let Some(value) = value {
+            rows.push(vec![format!("modelled {name}"), format!("{} {unit}", figure(value))]);
+        }
+    }
+    table("Link", &["", "Value"], &rows)
+}
+
+/// How well the head pose was predicted.
+fn prediction(report: &Report) -> String {
+    let prediction = &report.prediction;
+    let errors = [("angle, degrees", prediction.error_deg), ("position, mm", prediction.error_mm)];
+    let rows: Vec<Vec<String>> =
+        errors.into_iter().filter_map(|(name, spread)| Some(row(name.into(), spread?))).collect();
+    let caption = format!("Head prediction error, {} ms ahead", figure(prediction.horizon_ms));
+    table(&caption, &["Error", "p50", "p95", "p99", "max", "Samples"], &rows)
+}
+
+/// Rays and other work.
+fn counters(report: &Report) -> String {
+    let rows: Vec<Vec<String>> =
+        report.counters.iter().map(|(name, &value)| vec![escaped(name), count(value)]).collect();
+    table("Work of the server", &["Counter", "Count"], &rows)
+}
+
+fn row(name: String, spread: Percentiles) -> Vec<String> {
+    let Percentiles { p50, p95, p99, max, .. } = spread;
+    let mut cells = vec![name];
+    cells.extend([p50, p95, p99, max].map(figure));
+    cells.push(count(spread.count));
+    cells
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::report::sample;
+
+    #[test]
+    fn stages_stand_in_the_order_of_the_pipeline() {
+        let html = latency(&sample::report());
+        let at = |stage: &str| html.find(&format!(">{stage} <small>")).unwrap();
+        let order = ["render", "encode", "write", "send", "decode", "warp"].map(at);
+        assert!(order.windows(2).all(|pair| pair[0] < pair[1]), "{order:?}");
+        assert!(html.contains("RenderStart → RenderEnd"));
+    }
+}

@@ -1,0 +1,171 @@
+//! `report.json`, schema 1.
+//!
+//! Milliseconds, degrees, millimetres, bytes and megabits per second (10^6), as the names say. A spread that
+//! nothing was measured for is `null`, never zero. Maps are ordered, so equal reports are equal bytes.
+
+use super::Series;
+use crate::measure::Percentiles;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+
+/// Version of the report's form.
+pub const SCHEMA: u32 = 1;
+
+/// Everything a replay measured.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Report {
+    /// [`SCHEMA`].
+    pub schema: u32,
+    /// Name or path of the scene.
+    pub scene: String,
+    /// Name or path of the head trace.
+    pub trace: String,
+    /// Seed of everything random.
+    pub seed: u64,
+    /// Which clock ran.
+    pub clock: ClockKind,
+    /// Width and height of the display in pixels.
+    pub size: [u32; 2],
+    /// The mode that was displayed; quality is that of every mode.
+    pub mode: String,
+    /// Effects the scene called for.
+    pub effects: Vec<String>,
+    /// What the display did.
+    pub display: Display,
+    /// Delays, in milliseconds.
+    pub latency_ms: Latency,
+    /// How well the head pose was predicted.
+    pub prediction: Prediction,
+    /// What went over the link.
+    pub link: Link,
+    /// Image error of every mode, in the order they are shown.
+    pub quality: Vec<ModeQuality>,
+    /// The reference that quality is measured against.
+    pub reference: Option<Reference>,
+    /// Rays, volume steps and other work, by name.
+    pub counters: BTreeMap<String, u64>,
+    /// Reasons to doubt this report; see [`super::doubts`].
+    pub warnings: Vec<String>,
+    /// What the plots show.
+    pub series: Series,
+}
+
+/// Which clock ran.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum ClockKind {
+    /// The machine's.
+    Real,
+    /// A discrete-event clock with a modelled link.
+    Virtual,
+}
+
+impl std::fmt::Display for ClockKind {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            ClockKind::Real => "real",
+            ClockKind::Virtual => "virtual",
+        })
+    }
+}
+
+/// What the display did.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Display {
+    /// Refreshes per second.
+    pub hz: f64,
+    /// Refreshes in the replay.
+    pub frames: u64,
+    /// Refreshes for which no new image was ready.
+    pub missed: u64,
+}
+
+/// Delays, in milliseconds.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Latency {
+    /// From the head pose an image was warped to, to its presentation.
+    pub motion_to_photon: Option<Percentiles>,
+    /// From the head pose a frame was rendered for, to each of its presentations.
+    pub frame_age: Option<Percentiles>,
+    /// Time per stage: the intervals of [`crate::measure::Interval`] by their names, and `warp`, the time
+    /// the warp of one display frame takes.
+    pub stages: BTreeMap<String, Percentiles>,
+    /// Offset between the clocks of client and server, where there are two.
+    pub clock_offset: Option<ClockOffset>,
+}
+
+/// The server's clock as the client sees it.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ClockOffset {
+    /// Server's clock minus client's, in milliseconds.
+    pub offset_ms: f64,
+    /// Bound of its error, in milliseconds: half the shortest round trip.
+    pub error_ms: f64,
+    /// How fast the offset changes, in parts per million.
+    pub drift_ppm: f64,
+}
+
+/// How well the head pose was predicted.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Prediction {
+    /// How far ahead the server predicts, mean in milliseconds.
+    pub horizon_ms: f64,
+    /// Angle between the predicted and the true head pose when the frame was shown first, in degrees.
+    pub error_deg: Option<Percentiles>,
+    /// Distance between them in millimetres.
+    pub error_mm: Option<Percentiles>,
+}
+
+/// What went over the link.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Link {
+    /// Bytes from the server, all messages.
+    pub down_bytes: u64,
+    /// Bytes to the server.
+    pub up_bytes: u64,
+    /// Mean rate from the server in megabits per second.
+    pub down_mbps: f64,
+    /// Frames the server sent.
+    pub frames_sent: u64,
+    /// Frames that were shown at least once.
+    pub frames_shown: u64,
+    /// Frames that gave way to a newer one before they were sent or shown.
+    pub frames_replaced: u64,
+    /// How often the connection was made again.
+    pub reconnects: u64,
+    /// Modelled one-way delay in milliseconds; `null` on a real link, as are the next two.
+    pub latency_ms: Option<f64>,
+    /// Modelled jitter in milliseconds.
+    pub jitter_ms: Option<f64>,
+    /// Modelled rate in megabits per second; `null` is unlimited.
+    pub rate_mbps: Option<f64>,
+    /// Encoded bytes per plane, over all frames.
+    pub planes: BTreeMap<String, u64>,
+}
+
+/// Image error of one mode, over all compared display frames.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ModeQuality {
+    /// Name of the mode.
+    pub mode: String,
+    /// PSNR in dB; here the *smallest* is the worst.
+    pub psnr_db: Option<Percentiles>,
+    /// `(1 - SSIM) / 2` on luminance.
+    pub dssim: Option<Percentiles>,
+    /// Mean FLIP.
+    pub flip: Option<Percentiles>,
+    /// Part of the pixels that nothing was known for, 0 to 1.
+    pub hole_fraction: Option<Percentiles>,
+    /// Display frames that were compared.
+    pub compared_frames: u64,
+}
+
+/// The reference that quality is measured against.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Reference {
+    /// Samples per pixel.
+    pub spp: u64,
+    /// PSNR in dB between the reference and one more rendering with as many other samples: no mode can be
+    /// told from perfect beyond this. `null` where it was not measured.
+    pub noise_psnr_db: Option<f64>,
+}

@@ -1,0 +1,108 @@
+//! Every pixel warped at the depth of its surface: backward flow by splat, 3x3 search and fixed-point
+//! iteration (Bowles et al. 2012, "Iterative image warping"; Lochmann 3.2.7).
+//!
+//! 1. Each old pixel is projected into the new view and leaves its index there, the nearest winning.
+//! 2. Each new pixel x starts from the nearest surface among the 3x3 around it, and solves
+//!    `project(u) = x` by `u <- u + x - project(u)`.
+//! 3. What does not converge is tried again from the pixel's own splat, and else is a hole.
+//!
+//! Cost: one projection per old pixel and two to four per new one.
+
+use super::HOLE;
+use super::source::Source;
+use glam::{Vec2, Vec3};
+use rayon::prelude::*;
+use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
+use warplight_protocol::pose::RigidMotion;
+use warplight_protocol::{Camera, Pose};
+
+/// Residual, in pixels, that counts as solved: the step to which samples are rounded.
+const SOLVED_PX: f32 = 1.0 / 256.0;
+/// Residual that is accepted after the last step: half a pixel further and a neighbour would be the answer.
+const ACCEPTED_PX: f32 = 0.25;
+/// Steps of the iteration; it contracts by the relative depth slope, three or four are the rule.
+const MAX_STEPS: usize = 6;
+
+/// Per new pixel the nearest old one: inverse depth in the upper half, index of the texel plus one in the
+/// lower, 0 for none.
+#[derive(Debug, Default)]
+pub(super) struct Splat {
+    nearest: Vec<AtomicU64>,
+}
+
+impl Splat {
+    fn forward(&mut self, source: &Source, new_from_old: &RigidMotion, camera: &Camera) {
+        self.nearest.clear();
+        self.nearest.resize_with(camera.size.pixels(), AtomicU64::default);
+        let old = source.camera();
+        let width = camera.size.width as usize;
+        (0..old.size.height as usize).into_par_iter().for_each(|row| {
+            for texel in row * old.size.width as usize..(row + 1) * old.size.width as usize {
+                let w = source.inverse_depth(texel);
+                let ray = old.ray_in_view(old.size.pixel_centre(texel));
+                let point = new_from_old.rotation * ray + new_from_old.translation * w;
+                let Some(pixel) = camera.pixel_from_view(point) else { continue };
+                let inside = pixel.x >= 0.0 && pixel.y >= 0.0 && pixel.x < camera.size.width as f32 && pixel.y < camera.size.height as f32;
+                if inside {
+                    // Positive floats order like their bits.
+                    let inverse_depth = (w / -point.z).max(0.0).to_bits();
+                    let entry = u64::from(inverse_depth) << 32 | (texel as u64 + 1);
+                    self.nearest[pixel.y as usize * width + pixel.x as usize].fetch_max(entry, Relaxed);
+                }
+            }
+        });
+    }
+
+    fn at(&self, pixel: usize) -> u64 {
+        self.nearest[pixel].load(Relaxed)
+    }
+
+    /// The nearest entry of the 3x3 around a pixel.
+    fn nearest_around(&self, x: usize, y: usize, camera: &Camera) -> u64 {
+        let (width, height) = (camera.size.width as usize, camera.size.height as usize);
+        let mut nearest = 0;
+        for row in y.saturating_sub(1)..(y + 2).min(height) {
+            for column in x.saturating_sub(1)..(x + 2).min(width) {
+                nearest = nearest.max(self.at(row * width + column));
+            }
+        }
+        nearest
+    }
+}
+
+/// Fills `radiance` with the old picture seen from `display_pose`.
+pub(super) fn warp(source: &Source, display_pose: &Pose, camera: &Camera, splat: &mut Splat, radiance: &mut [Vec3]) {
+    let new_from_old = display_pose.view_from(source.pose());
+    splat.forward(source, &new_from_old, camera);
+    let splat = &*splat;
+    let width = camera.size.width as usize;
+    radiance.par_chunks_mut(width).enumerate().for_each(|(y, radiance)| {
+        for (x, radiance) in radiance.iter_mut().enumerate() {
+            let target = camera.size.pixel_centre(y * width + x);
+            let from = |entry: u64| {
+                let texel = (entry & 0xffff_ffff).checked_sub(1)?;
+                let start = source.camera().size.pixel_centre(texel as usize);
+                solve(source, &new_from_old, camera, start, target)
+            };
+            let flow = from(splat.nearest_around(x, y, camera)).or_else(|| from(splat.at(y * width + x)));
+            *radiance = flow.and_then(|pixel| source.radiance_of_surface_at(pixel)).unwrap_or(HOLE);
+        }
+    });
+}
+
+/// The position in the old picture whose point is seen at `target` in the new one.
+fn solve(source: &Source, new_from_old: &RigidMotion, camera: &Camera, start: Vec2, target: Vec2) -> Option<Vec2> {
+    let mut position = start;
+    let mut residual = f32::INFINITY;
+    for _ in 0..MAX_STEPS {
+        let point = source.point_at(position, new_from_old)?;
+        let missing = target - camera.pixel_from_view(point)?;
+        residual = missing.abs().max_element();
+        if residual < SOLVED_PX {
+            return Some(position);
+        }
+        position += missing;
+    }
+    // `position` has taken one more step since the residual was measured.
+    (residual < ACCEPTED_PX && source.texel_at(position).is_some()).then_some(position)
+}

@@ -1,0 +1,205 @@
+//! Oracles: the unmoved head, the homography, the closed form of a plane.
+
+use super::*;
+use glam::{DQuat, DVec3, Vec2};
+use warplight_protocol::ImageSize;
+use warplight_protocol::frame::{Interfaces, Plan, flatten};
+use warplight_protocol::optics::Interface;
+use warplight_protocol::tone::display_from_radiance;
+
+const SIZE: ImageSize = ImageSize::new(96, 64);
+
+fn camera() -> Camera {
+    Camera::symmetric(1.2, SIZE)
+}
+
+/// A smooth picture: linear in the direction to the texture coordinate, so that bilinear sampling of a small
+/// step is nearly exact.
+fn smooth(at: Vec2) -> Vec3 {
+    Vec3::new(0.5 + 0.3 * (0.9 * at.x).sin(), 0.5 + 0.3 * (0.7 * at.y).cos(), 0.4 + 0.2 * (0.5 * (at.x + at.y)).sin())
+}
+
+/// A tilted plane `n . p = d` in view, textured by its x and y in view; returns texture position and distance.
+fn on_plane(ray: Vec3, normal: Vec3, offset: f32) -> (Vec2, f32) {
+    let depth = offset / ray.dot(normal);
+    let point = ray * depth;
+    (point.truncate(), point.length())
+}
+
+const NORMAL: Vec3 = Vec3::new(0.2, 0.1, -1.0);
+const OFFSET: f32 = 3.0;
+
+fn plane_tree(pose: Pose) -> Tree {
+    let mut tree = Tree::new(pose, camera(), Plan::diffuse(), Interfaces::default());
+    for pixel in 0..SIZE.pixels() {
+        let (texture, distance) = on_plane(camera().ray_in_view(SIZE.pixel_centre(pixel)), NORMAL, OFFSET);
+        tree.nodes[0].set_radiance(pixel, smooth(texture));
+        tree.nodes[0].distance[pixel] = distance;
+    }
+    tree
+}
+
+/// Depths, skies, mirrors and glass without order: everything the identity must survive.
+fn wild_tree(pose: Pose) -> Tree {
+    let interfaces = Interfaces(vec![Interface::Mirror, Interface::Dielectric { eta: 1.5 }, Interface::Dielectric { eta: 1.0 / 1.5 }]);
+    let mut tree = Tree::new(pose, camera(), Plan::solid(), interfaces);
+    let mut random = rand_pcg::Pcg32::new(7, 11);
+    let mut uniform = || {
+        use rand_pcg::rand_core::Rng;
+        random.next_u32() as f32 / u32::MAX as f32
+    };
+    for pixel in 0..SIZE.pixels() {
+        for node in 0..4 {
+            let radiance = Vec3::new(uniform(), uniform(), uniform());
+            let distance = if uniform() < 0.1 { f32::INFINITY } else { 0.2 + 20.0 * uniform() };
+            tree.nodes[node].set_radiance(pixel, radiance);
+            tree.nodes[node].distance[pixel] = if node > 0 && uniform() < 0.3 { 0.0 } else { distance };
+            if node == 0 || node == 2 {
+                tree.nodes[node].interface[pixel] = (uniform() * 4.0).min(3.0) as u8;
+                let normal = Vec3::new(uniform() - 0.5, uniform() - 0.5, 1.0).normalize();
+                tree.nodes[node].set_normal(pixel, normal);
+            }
+        }
+    }
+    tree
+}
+
+fn pose() -> Pose {
+    Pose { position: DVec3::new(100.3, -7.1, 1e4), orientation: DQuat::from_euler(glam::EulerRot::YXZ, 0.7, -0.3, 0.2) }
+}
+
+/// The flattened picture, tone-mapped: the server's image.
+fn image_of(tree: &Tree, exposure: f32) -> RgbImage {
+    let mut radiance = vec![Vec3::ZERO; SIZE.pixels()];
+    flatten(tree, 0..SIZE.pixels(), &mut radiance);
+    let codes = radiance.iter().flat_map(|&radiance| display_from_radiance(radiance, exposure)).collect();
+    RgbImage::from_raw(SIZE.width, SIZE.height, codes).unwrap()
+}
+
+#[test]
+fn an_unmoved_head_sees_the_servers_image_to_the_bit() {
+    for tree in [plane_tree(pose()), wild_tree(pose())] {
+        let mut warper = Warper::default();
+        warper.prepare(&tree);
+        for mode in Mode::ALL {
+            let mut picture = RgbImage::default();
+            let statistics = warper.show(mode, &tree.render_pose, &camera(), 0.8, &mut picture);
+            assert_eq!(statistics.hole_fraction, 0.0, "{mode:?}");
+            assert!(picture == image_of(&tree, 0.8), "{mode:?}");
+        }
+    }
+}
+
+/// Position in the old picture that a mode shows at each pixel of the new one, found by warping a picture of
+/// its own coordinates.
+fn flow_of(mode: Mode, tree: &Tree, display_pose: &Pose) -> Vec<Option<Vec2>> {
+    let mut coordinates = tree.clone();
+    for pixel in 0..SIZE.pixels() {
+        coordinates.nodes[0].set_radiance(pixel, SIZE.pixel_centre(pixel).extend(0.0));
+    }
+    let mut warper = Warper::default();
+    warper.prepare(&coordinates);
+    let mut radiance = vec![HOLE; SIZE.pixels()];
+    match mode {
+        Mode::None => rotation::warp(&warper.source, warper.source.pose(), &camera(), &mut radiance),
+        Mode::Rotation => rotation::warp(&warper.source, display_pose, &camera(), &mut radiance),
+        Mode::Diffuse => diffuse::warp(&warper.source, display_pose, &camera(), &mut warper.splat, &mut radiance),
+    }
+    radiance.into_iter().map(|value| (!value.is_nan()).then(|| value.truncate())).collect()
+}
+
+/// Away from the border, where half a pixel of the picture is repeated.
+fn is_inner(pixel: Vec2) -> bool {
+    pixel.x > 1.0 && pixel.y > 1.0 && pixel.x < SIZE.width as f32 - 1.0 && pixel.y < SIZE.height as f32 - 1.0
+}
+
+#[test]
+fn a_turned_head_sees_the_homography() {
+    let tree = plane_tree(pose());
+    let turn = DQuat::from_euler(glam::EulerRot::YXZ, 0.05, 0.03, 0.08);
+    let display_pose = Pose { orientation: tree.render_pose.orientation * turn, ..tree.render_pose };
+    let old_from_new = tree.render_pose.view_from(&display_pose).rotation;
+    for mode in [Mode::Rotation, Mode::Diffuse] {
+        let (mut compared, mut worst) = (0, 0.0_f32);
+        for (pixel, found) in flow_of(mode, &tree, &display_pose).into_iter().enumerate() {
+            let ray = old_from_new * camera().ray_in_view(SIZE.pixel_centre(pixel));
+            let expected = camera().pixel_from_view(ray).unwrap();
+            if is_inner(expected) {
+                worst = worst.max((found.expect("no hole inside") - expected).abs().max_element());
+                compared += 1;
+            }
+        }
+        assert!(compared > SIZE.pixels() / 2);
+        assert!(worst < 0.01, "{mode:?}: {worst} px");
+    }
+}
+
+#[test]
+fn a_plane_seen_from_aside_is_its_closed_form() {
+    let tree = plane_tree(pose());
+    let aside = DVec3::new(0.05, -0.03, 0.04);
+    let display_pose = Pose { position: tree.render_pose.position + tree.render_pose.orientation * aside, ..tree.render_pose };
+    let (mut compared, mut worst) = (0, 0.0_f32);
+    for (pixel, found) in flow_of(Mode::Diffuse, &tree, &display_pose).into_iter().enumerate() {
+        // The new ray meets the plane where n . (aside + s ray) = d; the old picture shows that point there.
+        let ray = camera().ray_in_view(SIZE.pixel_centre(pixel));
+        let reach = (OFFSET - NORMAL.dot(aside.as_vec3())) / NORMAL.dot(ray);
+        let expected = camera().pixel_from_view(aside.as_vec3() + ray * reach).unwrap();
+        if is_inner(expected) {
+            worst = worst.max((found.expect("no hole inside") - expected).abs().max_element());
+            compared += 1;
+        }
+    }
+    assert!(compared > SIZE.pixels() / 2);
+    assert!(worst < 0.01, "{worst} px");
+}
+
+#[test]
+fn what_stands_in_front_hides_and_what_it_hid_is_a_hole() {
+    // A near square before a far wall; the head moves right by as much as shifts the square by 8 pixels.
+    let focal = camera().focal_px().x;
+    let (near, far) = (1.0_f32, 1e6_f32);
+    let mut tree = Tree::new(Pose::IDENTITY, camera(), Plan::diffuse(), Interfaces::default());
+    let is_square = |x: usize, y: usize| (40..56).contains(&x) && (20..40).contains(&y);
+    for pixel in 0..SIZE.pixels() {
+        let (x, y) = (pixel % 96, pixel / 96);
+        let depth = if is_square(x, y) { near } else { far };
+        let ray = camera().ray_in_view(SIZE.pixel_centre(pixel));
+        tree.nodes[0].distance[pixel] = ray.length() * depth;
+        tree.nodes[0].set_radiance(pixel, if is_square(x, y) { Vec3::X } else { Vec3::Y });
+    }
+    let display_pose = Pose { position: DVec3::X * f64::from(8.0 * near / focal), ..Pose::IDENTITY };
+    let mut warper = Warper::default();
+    warper.prepare(&tree);
+    let mut radiance = vec![HOLE; SIZE.pixels()];
+    diffuse::warp(&warper.source, &display_pose, &camera(), &mut warper.splat, &mut radiance);
+    for y in 22..38 {
+        for x in 0..96 {
+            let shown = radiance[y * 96 + x];
+            match x {
+                32..48 => assert_eq!(shown, Vec3::X, "square at {x}, {y}"),
+                48..56 => assert!(shown.is_nan(), "disoccluded at {x}, {y}: {shown}"),
+                _ => assert_eq!(shown, Vec3::Y, "wall at {x}, {y}"),
+            }
+        }
+    }
+}
+
+#[test]
+fn nothing_infinite_or_undefined_leaves_the_warp() {
+    let mut warper = Warper::default();
+    let mut picture = RgbImage::default();
+    for tree in [plane_tree(pose()), wild_tree(pose())] {
+        warper.prepare(&tree);
+        for turn in [0.1, 1.5, std::f64::consts::PI] {
+            let display_pose = Pose {
+                position: tree.render_pose.position + DVec3::new(0.5, 0.1, 3.0),
+                orientation: tree.render_pose.orientation * DQuat::from_rotation_y(turn),
+            };
+            for mode in Mode::ALL {
+                let statistics = warper.show(mode, &display_pose, &camera(), 1.0, &mut picture);
+                assert!((0.0..=1.0).contains(&statistics.hole_fraction));
+            }
+        }
+    }
+}

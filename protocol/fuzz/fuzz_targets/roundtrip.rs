@@ -1,0 +1,58 @@
+//! Whatever tree is encoded, it decodes, and to the values its format promises.
+
+#![no_main]
+
+use arbitrary::{Result, Unstructured};
+use libfuzzer_sys::fuzz_target;
+use warplight_protocol::frame::{Arrival, DepthCoding, FrameFormat, UNDEFINED};
+use warplight_protocol_fuzz::{LIMITS, decode, encode, shape, tree};
+
+fuzz_target!(|bytes: &[u8]| {
+    let _ = run(Unstructured::new(bytes));
+});
+
+fn run(mut u: Unstructured<'_>) -> Result<()> {
+    let shape = shape(&mut u)?;
+    shape.check(&LIMITS).expect("a possible shape");
+    let mut tree = tree(&shape, &mut u)?;
+    let strips = encode(&shape, &mut tree);
+    let back = decode(&shape, strips.iter().map(Vec::as_slice)).expect("own bytes");
+    let white = 1.0 / shape.exposure;
+    for (node, (was, is)) in tree.nodes.iter().zip(&back.nodes).enumerate() {
+        for pixel in 0..was.distance.len() {
+            let defined = node == 0 || was.distance[pixel] != UNDEFINED;
+            assert_eq!(defined, is.distance[pixel] != UNDEFINED);
+            if !defined {
+                continue;
+            }
+            assert!(was.distance[pixel] != f32::INFINITY || is.distance[pixel] == f32::INFINITY);
+            // The white of a reflection depends on the strip; all others are the display's.
+            if shape.plan.nodes()[node].arrival != Arrival::Reflected {
+                for channel in 0..3 {
+                    let color = shape.format.color;
+                    let code = color.quantise(was.radiance[channel][pixel], white);
+                    assert_eq!(is.radiance[channel][pixel], color.dequantise(code, white));
+                }
+            }
+            if let Some(&interface) = was.interface.get(pixel) {
+                let known = usize::from(interface) <= shape.interfaces.0.len();
+                assert_eq!(is.interface[pixel], if known { interface } else { 0 });
+            }
+        }
+    }
+
+    // Distances that are only their own codes are at rest after the first coding.
+    let relative = FrameFormat { child_depth: DepthCoding::Relative, ..shape.format };
+    if shape.format == relative {
+        let again = encode(&shape, &mut back.clone());
+        let again = decode(&shape, again.iter().map(Vec::as_slice)).expect("own bytes");
+        for (once, twice) in back.nodes.iter().zip(&again.nodes) {
+            assert_eq!(once.interface, twice.interface);
+            for (once, twice) in once.distance.iter().zip(&twice.distance) {
+                assert_eq!(*once == UNDEFINED, *twice == UNDEFINED);
+                assert_eq!(once.is_infinite(), twice.is_infinite());
+            }
+        }
+    }
+    Ok(())
+}

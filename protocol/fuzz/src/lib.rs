@@ -1,0 +1,112 @@
+//! What the fuzz targets share: frames made of arbitrary bytes, and what must hold of every decoded one.
+
+use arbitrary::{Result, Unstructured};
+use warplight_protocol::codec::{DecodeError, FrameShape, Limits, StripDecoder, StripEncoder};
+use warplight_protocol::frame::{ColorFormat, DepthCoding, FrameFormat, Interfaces, Plan, Tree, UNDEFINED};
+use warplight_protocol::optics::Interface;
+use warplight_protocol::{Camera, ImageSize, Pose};
+
+/// Limits that keep one run short.
+pub const LIMITS: Limits =
+    Limits { control_bytes: 4 << 10, strip_bytes: 64 << 10, frame_pixels: 4 << 10, frame_bytes: 512 << 10 };
+
+/// A shape that [`FrameShape::check`] accepts.
+pub fn shape(u: &mut Unstructured<'_>) -> Result<FrameShape> {
+    let size = ImageSize::new(u.int_in_range(1..=40)?, u.int_in_range(1..=24)?);
+    let mut camera = Camera::symmetric(1.3, size);
+    camera.fov.left *= f32::from(u.int_in_range(0..=8_u8)?) / 4.0;
+    let plan = u.choose(&[Plan::diffuse(), Plan::mirror(), Plan::water(), Plan::solid()])?.clone();
+    let kinds = [
+        Interface::Mirror,
+        Interface::Dielectric { eta: 1.5 },
+        Interface::Conductor { eta: [0.2, 0.9, 1.1], k: [3.9, 2.4, 2.2] },
+    ];
+    let entries = u.int_in_range(0..=4)?;
+    let interfaces = (0..entries).map(|_| u.choose(&kinds).copied()).collect::<Result<_>>()?;
+    let format = FrameFormat {
+        color: *u.choose(&ColorFormat::ALL)?,
+        root_depth_bits: u.int_in_range(FrameFormat::DEPTH_BITS)?,
+        child_depth_bits: u.int_in_range(FrameFormat::DEPTH_BITS)?,
+        child_depth: *u.choose(&[DepthCoding::Relative, DepthCoding::Unfolded])?,
+        normal_bits: u.int_in_range(FrameFormat::NORMAL_BITS)?,
+    };
+    let strip_rows = u.int_in_range(1..=9)?;
+    let exposure = *u.choose(&[1.0, 0.25, 3.0, 1e-12, 1e12])?;
+    Ok(FrameShape { camera, plan, interfaces: Interfaces(interfaces), format, strip_rows, exposure })
+}
+
+/// A tree of any floats there are, NaN and infinities too.
+pub fn tree(shape: &FrameShape, u: &mut Unstructured<'_>) -> Result<Tree> {
+    let mut tree = Tree::new(Pose::IDENTITY, shape.camera, shape.plan.clone(), shape.interfaces.clone());
+    for planes in &mut tree.nodes {
+        let NodeFloats { floats } = NodeFloats::of(planes);
+        for value in floats {
+            *value = match u.arbitrary::<u8>()? {
+                0 => f32::from_bits(u.arbitrary()?),
+                1 => f32::INFINITY,
+                2 => f32::NAN,
+                small => f32::from(small - 3) / 16.0,
+            };
+        }
+        for value in &mut planes.interface {
+            *value = u.arbitrary()?;
+        }
+    }
+    Ok(tree)
+}
+
+struct NodeFloats<'a> {
+    floats: Vec<&'a mut f32>,
+}
+
+impl NodeFloats<'_> {
+    fn of(planes: &mut warplight_protocol::frame::NodePlanes) -> NodeFloats<'_> {
+        let vectors = planes.radiance.iter_mut().chain(&mut planes.normal).flatten();
+        NodeFloats { floats: vectors.chain(&mut planes.distance).collect() }
+    }
+}
+
+/// The strips of a tree.
+pub fn encode(shape: &FrameShape, tree: &mut Tree) -> Vec<Vec<u8>> {
+    let mut encoder = StripEncoder::default();
+    let one = |rows: &_| {
+        let mut strip = Vec::new();
+        encoder.encode(shape, rows, &mut strip);
+        strip
+    };
+    tree.bands_mut(u32::from(shape.strip_rows)).iter().map(one).collect()
+}
+
+/// Decodes strips, in whichever order they come, into a tree full of leftovers.
+pub fn decode<'a>(shape: &FrameShape, strips: impl IntoIterator<Item = &'a [u8]>) -> std::result::Result<Tree, DecodeError> {
+    let mut tree = Tree::new(Pose::IDENTITY, shape.camera, shape.plan.clone(), shape.interfaces.clone());
+    for planes in &mut tree.nodes {
+        planes.interface.fill(255);
+        NodeFloats::of(planes).floats.into_iter().for_each(|value| *value = f32::NAN);
+    }
+    let mut decoder = StripDecoder::default();
+    let mut bands = tree.bands_mut(u32::from(shape.strip_rows));
+    let mut decoded = vec![false; bands.len()];
+    for strip in strips {
+        let band = StripDecoder::rows(shape, strip)?.start as usize / usize::from(shape.strip_rows);
+        decoder.decode(shape, strip, &mut bands[band])?;
+        decoded[band] = true;
+    }
+    for (rows, _) in bands.iter().zip(decoded).filter(|(_, decoded)| *decoded) {
+        for (node, planes) in rows.nodes.iter().enumerate() {
+            for channel in &planes.radiance {
+                assert!(channel.iter().all(|value| value.is_finite() && *value >= 0.0), "radiance of node {node}");
+            }
+            let possible = |distance: f32| distance > 0.0 || (distance == UNDEFINED && node > 0);
+            assert!(planes.distance.iter().all(|&distance| possible(distance)), "distance of node {node}");
+            let entries = shape.interfaces.0.len();
+            assert!(planes.interface.iter().all(|&index| usize::from(index) <= entries), "interface of node {node}");
+            let [x, y, z] = &planes.normal;
+            for ((x, y), z) in x.iter().zip(y.iter()).zip(z.iter()) {
+                assert!((x * x + y * y + z * z - 1.0).abs() < 1e-4, "normal of node {node}");
+            }
+        }
+    }
+    drop(bands);
+    Ok(tree)
+}

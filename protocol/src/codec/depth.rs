@@ -1,0 +1,242 @@
+//! Depth planes: codes of inverse depth in equal steps from infinity (code 0) to the nearest point of the
+//! strip (the largest code).
+//!
+//! The inverse of z is planar in screen space for every plane of the scene, so the gradient predictor
+//! leaves almost nothing; and one step is the same number of displayed pixels at every depth:
+//! `error_px = focal_px * translation_m * step / 2`.
+//!
+//! A code measures z at the root. At a child it measures either its distance from the parent's point, or the
+//! z of the unfolded path: distances summed along the chain, divided by the length of the pixel's ray at z = 1.
+
+use super::shape::FrameShape;
+use crate::Camera;
+use crate::frame::{DepthCoding, NodeRows, Plan, TreeRows, UNDEFINED};
+use std::ops::Range;
+
+/// The code of a positive depth; `near` is the smallest depth of the strip. Infinity is 0; everything
+/// finite is at least 1. What is not above zero counts as near.
+#[inline(always)]
+pub(crate) fn quantise(depth: f32, near: f32, bits: u8) -> u32 {
+    /// Added to a number below 2^32 it leaves the nearest integer in the lowest bits of the sum.
+    const ROUND: f64 = (1_u64 << 52) as f64;
+    let largest = f64::from(largest_code(bits));
+    // f64: at 24 bits the quotient has no f32 digits to spare for rounding.
+    let ratio = f64::from(near) / f64::from(depth);
+    let steps = if depth > 0.0 && ratio < 1.0 { ratio * largest } else { largest };
+    let code = ((steps + ROUND).to_bits() as u32).max(1);
+    if depth == f32::INFINITY { 0 } else { code }
+}
+
+/// The depth of a code.
+#[inline(always)]
+pub(crate) fn dequantise(code: u32, near: f32, bits: u8) -> f32 {
+    // Code 0 divides to infinity. A peer may name any near: what overflows is infinitely far, and nothing is
+    // nearer than positive.
+    let depth = f64::from(near) * (f64::from(largest_code(bits)) / f64::from(code as i32));
+    (depth as f32).max(f32::MIN_POSITIVE)
+}
+
+const fn largest_code(bits: u8) -> u32 {
+    (1 << bits) - 1
+}
+
+/// Turns distances into depths and back; keeps the lengths of the strip's rays from one node to the next.
+#[derive(Debug, Default)]
+pub(crate) struct DepthPlane {
+    ray_lengths: Vec<f32>,
+    metres: Vec<f32>,
+}
+
+impl DepthPlane {
+    /// Prepares for the rows of a strip.
+    pub(crate) fn begin(&mut self, camera: &Camera, rows: Range<u32>) {
+        ray_lengths(camera, rows, &mut self.ray_lengths);
+    }
+
+    /// The codes of a node's distances, and the depth of the largest code. Where `defined` is false the code
+    /// is meaningless, and no such pixel moves the nearest depth.
+    pub(crate) fn quantise(
+        &mut self,
+        shape: &FrameShape,
+        rows: &TreeRows<'_>,
+        node: usize,
+        defined: &[bool],
+        codes: &mut Vec<u32>,
+    ) -> f32 {
+        path_distances(&shape.plan, &rows.nodes, node, is_relative(shape, node), &mut self.metres);
+        if !is_relative(shape, node) {
+            for (metres, &length) in self.metres.iter_mut().zip(&self.ray_lengths) {
+                *metres /= length;
+            }
+        }
+        for (metres, &defined) in self.metres.iter_mut().zip(defined) {
+            // The root knows every pixel: what it was not told lies at infinity.
+            let unknown = if node == 0 { f32::INFINITY } else { UNDEFINED };
+            *metres = if defined { *metres } else { unknown };
+        }
+        let near = nearest(&self.metres);
+        let near = if near.is_finite() { near } else { 1.0 };
+        let bits = shape.depth_bits(node);
+        codes.clear();
+        codes.extend(self.metres.iter().map(|&depth| quantise(depth, near, bits)));
+        near
+    }
+
+    /// Writes the distances of codes; those of the node's ancestors must be there already.
+    pub(crate) fn dequantise(
+        &mut self,
+        shape: &FrameShape,
+        rows: &mut TreeRows<'_>,
+        node: usize,
+        near: f32,
+        defined: Option<&[bool]>,
+        codes: &[u32],
+    ) {
+        let bits = shape.depth_bits(node);
+        if is_relative(shape, node) {
+            for (distance, &code) in rows.nodes[node].distance.iter_mut().zip(codes) {
+                *distance = dequantise(code, near, bits);
+            }
+        } else if node == 0 {
+            let lengths = &self.ray_lengths;
+            for ((distance, &code), &length) in rows.nodes[0].distance.iter_mut().zip(codes).zip(lengths) {
+                *distance = (dequantise(code, near, bits) * length).max(f32::MIN_POSITIVE);
+            }
+        } else {
+            let parent = usize::from(shape.plan.nodes()[node].parent);
+            path_distances(&shape.plan, &rows.nodes, parent, false, &mut self.metres);
+            let before = self.metres.iter().zip(&self.ray_lengths);
+            for ((distance, &code), (&before, &length)) in rows.nodes[node].distance.iter_mut().zip(codes).zip(before) {
+                *distance = beyond(before, dequantise(code, near, bits) * length);
+            }
+        }
+        if let Some(defined) = defined {
+            for (distance, &defined) in rows.nodes[node].distance.iter_mut().zip(defined) {
+                *distance = if defined { *distance } else { UNDEFINED };
+            }
+        }
+    }
+}
+
+/// The distance from a parent `before` metres along the path to a child `along_path` metres along it.
+#[inline(always)]
+fn beyond(before: f32, along_path: f32) -> f32 {
+    // A child is beyond its parent, however coarse the code; from infinity to infinity is infinitely far.
+    let distance = along_path - before;
+    let distance = if distance.is_nan() { f32::INFINITY } else { distance };
+    distance.max(before * 1e-6).max(f32::MIN_POSITIVE)
+}
+
+fn is_relative(shape: &FrameShape, node: usize) -> bool {
+    node > 0 && shape.format.child_depth == DepthCoding::Relative
+}
+
+/// Distance from the eye along the chain of rays to a node's points, or `alone` from its parent's.
+fn path_distances(plan: &Plan, nodes: &[NodeRows<'_>], node: usize, alone: bool, metres: &mut Vec<f32>) {
+    metres.clear();
+    metres.extend_from_slice(nodes[node].distance);
+    let mut at = node;
+    while at != 0 && !alone {
+        at = usize::from(plan.nodes()[at].parent);
+        for (sum, &distance) in metres.iter_mut().zip(nodes[at].distance.iter()) {
+            // What is no distance adds nothing.
+            *sum += if distance > 0.0 { distance } else { 0.0 };
+        }
+    }
+}
+
+/// Lengths of the rays through the pixels of some rows, per metre of z.
+fn ray_lengths(camera: &Camera, rows: Range<u32>, lengths: &mut Vec<f32>) {
+    let (focal, centre) = (camera.focal_px(), camera.centre_px());
+    let slope_x: Vec<f32> = (0..camera.size.width).map(|x| (x as f32 + 0.5 - centre.x) / focal.x).collect();
+    lengths.clear();
+    for y in rows {
+        let slope_y = (y as f32 + 0.5 - centre.y) / focal.y;
+        lengths.extend(slope_x.iter().map(|&slope_x| (slope_x * slope_x + slope_y * slope_y + 1.0).sqrt()));
+    }
+}
+
+/// The smallest positive depth; infinite where there is none.
+fn nearest(depths: &[f32]) -> f32 {
+    // Eight minima side by side: one alone would wait for itself at every pixel.
+    let mut lanes = [f32::INFINITY; 8];
+    let (eights, rest) = depths.as_chunks::<8>();
+    let keep_nearer = |near: &mut f32, depth: f32| *near = if depth > 0.0 && depth < *near { depth } else { *near };
+    for eight in eights {
+        lanes.iter_mut().zip(eight).for_each(|(near, &depth)| keep_nearer(near, depth));
+    }
+    rest.iter().for_each(|&depth| keep_nearer(&mut lanes[0], depth));
+    lanes.into_iter().fold(f32::INFINITY, f32::min)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        /// numerics: depth code round trip within half a code.
+        #[test]
+        fn inverse_depth_is_within_half_a_step(near in 1e-3..10.0_f32, ratio in 1.0..1e6_f32, bits in 8..=24_u8) {
+            let depth = near * ratio;
+            let code = quantise(depth, near, bits);
+            let back = dequantise(code, near, bits);
+            let step = 1.0 / f64::from(largest_code(bits));
+            let error = (f64::from(near) / f64::from(depth) - f64::from(near) / f64::from(back)).abs();
+            // Half a step, but never less than a whole one for what is nearly infinite.
+            let bound = if code == 1 { step } else { step * 0.5 };
+            prop_assert!(error <= bound * 1.001 + 1.2e-7, "{} of {}", error, bound);
+            prop_assert_eq!(quantise(back, near, bits).abs_diff(code), 0);
+        }
+    }
+
+    /// numerics: depth code of near, far, infinite, behind, subnormal, no number.
+    #[test]
+    fn extreme_depths_have_codes() {
+        for bits in [8, 16, 24] {
+            let largest = largest_code(bits);
+            assert_eq!(quantise(f32::INFINITY, 1.0, bits), 0);
+            assert_eq!(quantise(f32::MAX, 1.0, bits), 1);
+            for at_near in [1.0, 0.5, 0.0, -0.0, -3.0, 1e-40, f32::NAN, f32::NEG_INFINITY] {
+                assert_eq!(quantise(at_near, 1.0, bits), largest, "{at_near}");
+            }
+            assert_eq!(dequantise(0, 1.0, bits), f32::INFINITY);
+            assert_eq!(dequantise(largest, 0.25, bits), 0.25);
+        }
+        assert!(dequantise(1, f32::MIN_POSITIVE, 8) > 0.0);
+        assert!(dequantise(255, f32::from_bits(1), 8) > 0.0);
+        assert_eq!(dequantise(1, f32::MAX, 8), f32::INFINITY);
+    }
+
+    #[test]
+    fn ray_lengths_are_those_of_the_camera() {
+        let mut camera = Camera::symmetric(1.2, crate::ImageSize::new(13, 9));
+        camera.fov.left *= 0.7;
+        let mut lengths = Vec::new();
+        ray_lengths(&camera, 2..7, &mut lengths);
+        assert_eq!(lengths.len(), 5 * 13);
+        for (index, &length) in lengths.iter().enumerate() {
+            assert_eq!(length, camera.ray_in_view(camera.size.pixel_centre(2 * 13 + index)).length());
+        }
+    }
+
+    #[test]
+    fn the_nearest_is_the_smallest_above_zero() {
+        let mut depths = vec![f32::INFINITY, f32::NAN, -1.0, 0.0, 7.0, 3.0];
+        for _ in 0..20 {
+            assert_eq!(nearest(&depths), 3.0);
+            depths.insert(0, 4.0);
+        }
+        assert_eq!(nearest(&[f32::NAN, 0.0, f32::INFINITY]), f32::INFINITY);
+    }
+
+    #[test]
+    fn a_child_is_beyond_its_parent() {
+        assert_eq!(beyond(2.0, 5.0), 3.0);
+        assert!(beyond(2.0, 1.0) > 0.0 && beyond(0.0, 0.0) > 0.0);
+        for before in [0.0, 1.0, f32::MAX, f32::INFINITY] {
+            assert_eq!(beyond(before, f32::INFINITY), f32::INFINITY);
+        }
+        assert_eq!(beyond(f32::INFINITY, 3.0), f32::INFINITY);
+    }
+}

@@ -1,0 +1,142 @@
+//! Planes of a strip: their kinds, and the header that stands before each payload.
+
+use super::DecodeError;
+use super::samples::{Packing, Predictor};
+
+/// The kinds of planes, by wire code. Codes 16 to 31 are kept for the layers of volumes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[repr(u8)]
+pub enum PlaneKind {
+    /// Which pixels the node knows; never sent for the root, which knows all.
+    Validity = 1,
+    /// Linear RGB radiance.
+    Radiance = 2,
+    /// Inverse depth.
+    Depth = 3,
+    /// Index of the optical boundary.
+    Interface = 4,
+    /// Octahedral normal, where there is a boundary.
+    Normal = 5,
+}
+
+impl PlaneKind {
+    /// Every kind there is.
+    pub const ALL: [PlaneKind; 5] =
+        [PlaneKind::Validity, PlaneKind::Radiance, PlaneKind::Depth, PlaneKind::Interface, PlaneKind::Normal];
+
+    /// Name in reports, behind the node's: `root.radiance`.
+    pub fn name(self) -> &'static str {
+        match self {
+            PlaneKind::Validity => "validity",
+            PlaneKind::Radiance => "radiance",
+            PlaneKind::Depth => "depth",
+            PlaneKind::Interface => "interface",
+            PlaneKind::Normal => "normal",
+        }
+    }
+
+    /// How the samples of this kind are coded; the figures behind it are in docs/measurements. Validity is a
+    /// mask, which is coded in its own way.
+    pub fn coding(self) -> (Predictor, Packing) {
+        match self {
+            PlaneKind::Radiance | PlaneKind::Interface | PlaneKind::Validity => (Predictor::Median, Packing::Bytes),
+            PlaneKind::Depth => (Predictor::Gradient, Packing::Bytes),
+            PlaneKind::Normal => (Predictor::Gradient, Packing::Runs),
+        }
+    }
+}
+
+/// Bytes that one plane took in one strip.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct PlaneBytes {
+    /// Node of the plan.
+    pub node: u8,
+    /// Kind.
+    pub kind: PlaneKind,
+    /// Bytes with their header.
+    pub bytes: usize,
+}
+
+/// What stands before a plane's payload.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct PlaneHeader {
+    pub(crate) node: u8,
+    pub(crate) kind: PlaneKind,
+    /// Radiance: the value of the largest code; depth: the nearest; otherwise 0.
+    pub(crate) scale: f32,
+    pub(crate) payload_bytes: u32,
+}
+
+/// Bytes before the payload of a plane: node, kind, scale, length of the payload.
+pub const PLANE_HEADER_BYTES: usize = 10;
+
+impl PlaneHeader {
+    pub(crate) const BYTES: usize = PLANE_HEADER_BYTES;
+
+    /// The header of a plane whose node knows no pixel of the strip: nothing follows it.
+    pub(crate) fn empty(node: u8, kind: PlaneKind) -> PlaneHeader {
+        let scale = if matches!(kind, PlaneKind::Radiance | PlaneKind::Depth) { 1.0 } else { 0.0 };
+        PlaneHeader { node, kind, scale, payload_bytes: 0 }
+    }
+
+    pub(crate) fn to_bytes(self) -> [u8; Self::BYTES] {
+        let mut bytes = [0; Self::BYTES];
+        bytes[0] = self.node;
+        bytes[1] = self.kind as u8;
+        bytes[2..6].copy_from_slice(&self.scale.to_le_bytes());
+        bytes[6..].copy_from_slice(&self.payload_bytes.to_le_bytes());
+        bytes
+    }
+
+    pub(crate) fn from_bytes(bytes: &[u8; Self::BYTES]) -> Result<PlaneHeader, DecodeError> {
+        let [node, kind, s0, s1, s2, s3, b0, b1, b2, b3] = *bytes;
+        let known = PlaneKind::ALL.into_iter().find(|&known| known as u8 == kind);
+        let kind = known.ok_or(DecodeError::Unsupported { field: "kind of plane", found: u32::from(kind) })?;
+        let scale = f32::from_le_bytes([s0, s1, s2, s3]);
+        let scale_is_possible = match kind {
+            PlaneKind::Radiance | PlaneKind::Depth => scale > 0.0 && scale.is_finite(),
+            PlaneKind::Validity | PlaneKind::Interface | PlaneKind::Normal => scale.to_bits() == 0,
+        };
+        if !scale_is_possible {
+            let expected = "a positive number for radiance and depth, otherwise 0";
+            return Err(DecodeError::Malformed { field: "scale of plane", expected });
+        }
+        Ok(PlaneHeader { node, kind, scale, payload_bytes: u32::from_le_bytes([b0, b1, b2, b3]) })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn headers_come_back() {
+        for kind in PlaneKind::ALL {
+            let scale = if matches!(kind, PlaneKind::Radiance | PlaneKind::Depth) { 0.5 } else { 0.0 };
+            let header = PlaneHeader { node: 3, kind, scale, payload_bytes: 0x0102_0304 };
+            assert_eq!(PlaneHeader::from_bytes(&header.to_bytes()), Ok(header));
+        }
+    }
+
+    #[test]
+    fn kinds_of_another_version_are_refused_by_number() {
+        for kind in [0, 6, 16, 31, 255] {
+            let bytes = [0, kind, 0, 0, 0, 0, 0, 0, 0, 0];
+            let found = u32::from(kind);
+            assert_eq!(
+                PlaneHeader::from_bytes(&bytes),
+                Err(DecodeError::Unsupported { field: "kind of plane", found })
+            );
+        }
+    }
+
+    #[test]
+    fn a_scale_that_is_no_scale_is_refused() {
+        for scale in [0.0, -0.0, -1.0, f32::INFINITY, f32::NAN] {
+            let header = PlaneHeader { node: 0, kind: PlaneKind::Depth, scale, payload_bytes: 0 };
+            assert!(PlaneHeader::from_bytes(&header.to_bytes()).is_err(), "{scale}");
+        }
+        let header = PlaneHeader { node: 0, kind: PlaneKind::Normal, scale: 1.0, payload_bytes: 0 };
+        assert!(PlaneHeader::from_bytes(&header.to_bytes()).is_err());
+    }
+}

@@ -1,0 +1,41 @@
+//! The picture of a tree from the very pose it was rendered for: the server's image, and what the modes
+//! that paint reflections on show.
+//!
+//! Cost: one Fresnel term per specular pixel and node. `L = L_D + F L_R + (1 - F) L_F`, recursively.
+
+use super::{Arrival, Tree, UNDEFINED};
+use crate::optics;
+use glam::Vec3;
+use std::ops::Range;
+
+/// Composites the pixels `pixels` of `tree` into `radiance` (linear RGB, as long as the range).
+pub fn flatten(tree: &Tree, pixels: Range<usize>, radiance: &mut [Vec3]) {
+    for (pixel, out) in pixels.zip(radiance) {
+        let ray = tree.camera.ray_in_view(tree.camera.size.pixel_centre(pixel)).normalize();
+        *out = radiance_along(tree, 0, pixel, ray);
+    }
+}
+
+fn radiance_along(tree: &Tree, node: usize, pixel: usize, direction: Vec3) -> Vec3 {
+    let planes = &tree.nodes[node];
+    if planes.distance[pixel] == UNDEFINED {
+        return Vec3::ZERO;
+    }
+    let mut radiance = planes.radiance_at(pixel);
+    let interface = planes.interface.get(pixel).and_then(|&index| tree.interfaces.at(index));
+    if let Some(interface) = interface {
+        let normal = planes.normal_at(pixel);
+        let cos_incident = -direction.dot(normal);
+        if let Some(child) = tree.plan.child(node, Arrival::Reflected) {
+            let weight = interface.reflectance(cos_incident);
+            radiance += weight * radiance_along(tree, child, pixel, optics::reflect(direction, normal));
+        }
+        if let (Some(child), optics::Interface::Dielectric { eta }) = (tree.plan.child(node, Arrival::Refracted), interface)
+            && let Some(refracted) = optics::refract(direction, normal, *eta)
+        {
+            let weight = interface.transmittance(cos_incident);
+            radiance += weight * radiance_along(tree, child, pixel, refracted);
+        }
+    }
+    radiance
+}

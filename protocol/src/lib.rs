@@ -1,0 +1,19 @@
+//! What server and client agree on: spaces and poses, the ray tree and its planes, how they become
+//! bits, and the messages that carry them.
+//!
+//! This crate does no input or output and reads no clock: bytes are pushed in, messages come out, and
+//! every instant is an argument. `docs/wire-format.md` holds the byte tables.
+
+pub mod camera;
+pub mod codec;
+pub mod frame;
+pub mod message;
+pub mod optics;
+pub mod pose;
+pub mod time;
+pub mod tone;
+pub mod wire;
+
+pub use camera::{Camera, FieldOfView, ImageSize};
+pub use pose::Pose;
+pub use time::Timestamp;

@@ -1,0 +1,269 @@
+//! Messages that travel seldom. This is the one file that knows bincode (2.0, no longer developed, so that
+//! it can be replaced here alone): fixed-width little-endian integers, lengths checked before allocation.
+
+use crate::codec::{DecodeError, FrameShape, Limits};
+use crate::frame::{FrameFormat, FrameId};
+use crate::{Camera, Pose, Timestamp};
+use bincode::config::{Configuration, Fixint, Limit, LittleEndian};
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
+
+/// Bytes that decoding a control message may claim.
+const MAX_BYTES: usize = 64 << 10;
+
+const CONFIG: Configuration<LittleEndian, Fixint, Limit<MAX_BYTES>> =
+    bincode::config::standard().with_fixed_int_encoding().with_limit::<MAX_BYTES>();
+
+/// Appends a message.
+pub(super) fn write<T: Serialize>(message: &T, out: &mut Vec<u8>) {
+    // Writing to memory fails only for a pose that is not valid, which the caller has to rule out.
+    if let Ok(bytes) = bincode::serde::encode_to_vec(message, CONFIG) {
+        out.extend_from_slice(&bytes);
+    }
+}
+
+/// Reads a message that takes the whole of `payload`.
+pub(super) fn read<T: DeserializeOwned>(payload: &[u8], field: &'static str) -> Result<T, DecodeError> {
+    match bincode::serde::decode_from_slice(payload, CONFIG) {
+        Ok((message, used)) if used == payload.len() => Ok(message),
+        Ok(_) => Err(DecodeError::Malformed { field, expected: "nothing behind its last field" }),
+        Err(bincode::error::DecodeError::LimitExceeded) => {
+            Err(DecodeError::LimitExceeded { limit: Limits::default().control_bytes, requested: payload.len() })
+        }
+        Err(bincode::error::DecodeError::UnexpectedEnd { .. }) => Err(DecodeError::Truncated { field }),
+        Err(_) => Err(DecodeError::Malformed { field, expected: "fields of this version" }),
+    }
+}
+
+/// What an end can do, as a set of bits.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Capabilities(pub u32);
+
+impl Capabilities {
+    /// Ray trees of surfaces.
+    pub const RAY_TREE: Capabilities = Capabilities(1);
+    /// Converged pictures on request.
+    pub const STILLS: Capabilities = Capabilities(1 << 1);
+    /// Everything this version can do; all other bits are reserved.
+    pub const ALL: Capabilities = Capabilities(0b11);
+
+    /// Whether all of `other` is in the set.
+    pub fn contains(self, other: Capabilities) -> bool {
+        self.0 & other.0 == other.0
+    }
+
+    fn check(self) -> Result<(), DecodeError> {
+        let reserved = self.0 & !Capabilities::ALL.0;
+        if reserved == 0 {
+            Ok(())
+        } else {
+            Err(DecodeError::Unsupported { field: "capability bits", found: reserved })
+        }
+    }
+}
+
+/// What a client asks for.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Hello {
+    /// What it can do.
+    pub capabilities: Capabilities,
+    /// Software and version, for logs.
+    pub software: String,
+    /// Camera of the frames.
+    pub camera: Camera,
+    /// Frames per second it would like.
+    pub frame_hz: f32,
+    /// Formats of the planes.
+    pub format: FrameFormat,
+}
+
+impl Hello {
+    pub(super) fn check(&self) -> Result<(), DecodeError> {
+        self.capabilities.check()?;
+        if !self.camera.is_valid() {
+            return Err(DecodeError::Malformed { field: "camera", expected: "a size of 1 to 8192 pixels and a frustum that is not empty" });
+        }
+        if !(0.01..=1000.0).contains(&self.frame_hz) {
+            return Err(DecodeError::Malformed { field: "frame rate", expected: "0.01 to 1000 Hz" });
+        }
+        if !self.format.is_valid() {
+            return Err(DecodeError::Malformed { field: "format", expected: "depth of 8 to 24 bits and normals of 6 to 16" });
+        }
+        Ok(())
+    }
+}
+
+/// What the server answers.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Welcome {
+    /// What it can do.
+    pub capabilities: Capabilities,
+    /// Software and version, for logs.
+    pub software: String,
+    /// Name of the scene.
+    pub scene: String,
+    /// Effects that the scene calls for, by name.
+    pub effects: Vec<String>,
+    /// Where a person stands in the scene.
+    pub head: Pose,
+    /// Factor on radiance before display.
+    pub exposure: f32,
+}
+
+impl Welcome {
+    pub(super) fn check(&self) -> Result<(), DecodeError> {
+        self.capabilities.check()?;
+        if !self.head.is_valid() {
+            return Err(DecodeError::Malformed { field: "head", expected: "a unit quaternion within 32 km" });
+        }
+        if !FrameShape::EXPOSURE.contains(&self.exposure) {
+            return Err(DecodeError::Malformed { field: "exposure", expected: "1e-12 to 1e12" });
+        }
+        Ok(())
+    }
+}
+
+/// What a frame is for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub enum FramePurpose {
+    /// To be reprojected and shown.
+    Live,
+    /// The answer to the still request of this number.
+    Still(u32),
+}
+
+/// The head of a frame.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct FrameBegin {
+    /// Its identity.
+    pub id: FrameId,
+    /// What it is for.
+    pub purpose: FramePurpose,
+    /// When the client sampled the pose that the server knew last: the client's own time, echoed.
+    pub pose_time: Timestamp,
+    /// How far ahead of that pose the render pose was predicted, in microseconds.
+    pub horizon_micros: u32,
+    /// The render pose in its precise wire form.
+    #[serde(with = "pose_bytes")]
+    pub render_pose: Pose,
+    /// What its strips look like.
+    pub shape: FrameShape,
+}
+
+/// The end of a frame: what it took, by the server's own clock.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct FrameEnd {
+    /// Its identity.
+    pub id: FrameId,
+    /// When the pose it answers arrived.
+    pub pose_received: Timestamp,
+    /// When rendering started.
+    pub render_start: Timestamp,
+    /// When its last rows were rendered.
+    pub render_end: Timestamp,
+    /// When its last strip was encoded.
+    pub encoded: Timestamp,
+    /// When this message was handed to the link.
+    pub sent: Timestamp,
+    /// Samples per pixel it got.
+    pub spp: u32,
+}
+
+/// A frame has arrived and is ready to be shown.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct FrameAck {
+    /// The frame.
+    pub id: FrameId,
+    /// From sampling the pose it echoes to its being ready, by the client's clock, in microseconds: what the
+    /// server should predict ahead.
+    pub pose_to_ready_micros: u32,
+}
+
+/// Running totals of a session, from the server.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Statistics {
+    /// Live frames rendered.
+    pub frames_rendered: u32,
+    /// Live frames sent.
+    pub frames_sent: u32,
+    /// Live frames that a newer one replaced before they were sent.
+    pub frames_replaced: u32,
+    /// Poses that were refused or came too late to be of use.
+    pub poses_ignored: u32,
+    /// Counters by name, such as rays.primary.
+    pub counters: Vec<(String, u64)>,
+}
+
+/// Asks for a converged picture, everything composited by the server.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct StillRequest {
+    /// The client's number for it.
+    pub number: u32,
+    /// world_from_view, in its precise wire form.
+    #[serde(with = "pose_bytes")]
+    pub pose: Pose,
+    /// Samples per pixel.
+    pub spp: u32,
+}
+
+impl StillRequest {
+    pub(super) fn check(&self) -> Result<(), DecodeError> {
+        if self.spp == 0 {
+            return Err(DecodeError::Malformed { field: "samples per pixel", expected: "at least 1" });
+        }
+        Ok(())
+    }
+}
+
+/// Why a session ends early.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u16)]
+pub enum ErrorCode {
+    /// The two ends speak different versions.
+    Version = 1,
+    /// Bytes that are no message.
+    Protocol = 2,
+    /// More than this end is willing to hold.
+    Limit = 3,
+    /// The peer said nothing for too long.
+    Timeout = 4,
+    /// A failure at this end.
+    Internal = 5,
+    /// A code of another version.
+    Unknown = 0xffff,
+}
+
+impl ErrorCode {
+    pub(super) fn from_wire(code: u16) -> ErrorCode {
+        let known = [ErrorCode::Version, ErrorCode::Protocol, ErrorCode::Limit, ErrorCode::Timeout, ErrorCode::Internal];
+        known.into_iter().find(|&known| known as u16 == code).unwrap_or(ErrorCode::Unknown)
+    }
+}
+
+impl From<&DecodeError> for ErrorCode {
+    fn from(error: &DecodeError) -> ErrorCode {
+        match error {
+            DecodeError::Unsupported { field: "protocol version", .. } => ErrorCode::Version,
+            DecodeError::LimitExceeded { .. } => ErrorCode::Limit,
+            _ => ErrorCode::Protocol,
+        }
+    }
+}
+
+/// A pose inside a bincode message, in its 25 bytes.
+mod pose_bytes {
+    use crate::Pose;
+    use serde::de::Error as _;
+    use serde::ser::Error as _;
+    use serde::{Deserialize, Deserializer, Serialize, Serializer};
+
+    pub(super) fn serialize<S: Serializer>(pose: &Pose, serializer: S) -> Result<S::Ok, S::Error> {
+        let bytes = pose.to_wire().ok_or_else(|| S::Error::custom("pose out of range"))?;
+        bytes.serialize(serializer)
+    }
+
+    pub(super) fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Pose, D::Error> {
+        let bytes = <[u8; Pose::WIRE_BYTES]>::deserialize(deserializer)?;
+        Pose::from_wire(&bytes).ok_or_else(|| D::Error::custom("no pose"))
+    }
+}

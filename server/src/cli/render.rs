@@ -1,0 +1,216 @@
+//! `render`: one picture, or all planes of one ray-tree frame, to a file.
+
+use super::picture::{PictureKind, WholeFile};
+use super::{Failure, load_scene, print};
+use crate::counters::Counters;
+use crate::effects::plan_of;
+use crate::film::{PixelFilter, RenderSettings, render_image};
+use crate::frame::{FrameRenderer, FrameRequest};
+use crate::integrator::PathTracer;
+use crate::scene::Scene;
+use anyhow::{anyhow, bail};
+use clap::Args;
+use glam::{DQuat, DVec3};
+use indicatif::{ProgressBar, ProgressStyle};
+use std::ops::ControlFlow;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+use warplight_protocol::frame::{Interfaces, Tree};
+use warplight_protocol::{Camera, ImageSize, Pose};
+
+/// Arguments of `render`.
+#[derive(Debug, Args)]
+pub(super) struct RenderArgs {
+    /// A built-in scene's name, or a path to scene.toml, .glb or .gltf.
+    scene: String,
+    /// Name of one of the scene's cameras; the first by default.
+    #[arg(long, conflicts_with = "pose")]
+    camera: Option<String>,
+    /// world_from_view: position in metres and orientation as a quaternion.
+    #[arg(long, value_name = "x y z qx qy qz qw", value_parser = parse_pose, allow_hyphen_values = true)]
+    pose: Option<Pose>,
+    /// Size of the picture in pixels.
+    #[arg(long, value_name = "WxH", default_value = "640x480")]
+    size: ImageSize,
+    /// Samples per pixel.
+    #[arg(long, value_name = "N", default_value_t = 64, value_parser = clap::value_parser!(u32).range(1..=1 << 24))]
+    spp: u32,
+    /// Longest path in segments: 1 shows lights only, 2 direct light.
+    #[arg(long, value_name = "N", default_value_t = 16, value_parser = clap::value_parser!(u32).range(1..=65_536))]
+    max_depth: u32,
+    /// Seed of all randomness.
+    #[arg(long, value_name = "K", default_value_t = 1)]
+    seed: u64,
+    /// Stop at the end of the pass that runs then, with the samples there are.
+    #[arg(long, value_name = "T", conflicts_with = "tree")]
+    time_budget_ms: Option<u64>,
+    /// The file: .exr for linear RGB, .png for the scene's exposure and sRGB.
+    #[arg(short, long, value_name = "FILE")]
+    out: PathBuf,
+    /// Write all planes of the ray-tree frame (.exr only).
+    #[arg(long)]
+    tree: bool,
+    /// Print figures as one JSON document.
+    #[arg(long)]
+    json: bool,
+}
+
+/// What a rendering took.
+struct Figures {
+    spp: u32,
+    elapsed: Duration,
+    standard_error: Option<f64>,
+}
+
+/// Renders and writes the file.
+pub(super) fn run(args: &RenderArgs) -> Result<(), Failure> {
+    let kind = PictureKind::of(&args.out).map_err(Failure::Input)?;
+    if args.tree && kind != PictureKind::Exr {
+        return Err(Failure::input(anyhow!(
+            "{}: --tree writes planes of floats: expected a path that ends in .exr",
+            args.out.display()
+        )));
+    }
+    let scene = Arc::new(load_scene(&args.scene)?);
+    let (camera, pose) = view_of(&scene, args).map_err(Failure::Input)?;
+    let file = WholeFile::create(&args.out).map_err(Failure::Input)?;
+    let counters = Counters::default();
+    let figures = if args.tree {
+        render_tree(scene, args, camera, pose, &counters, file)?
+    } else {
+        render_picture(scene, args, camera, pose, &counters, file, kind)?
+    };
+    let seconds = figures.elapsed.as_secs_f64();
+    let samples = args.size.pixels() as f64 * f64::from(figures.spp);
+    let counted = counters.snapshot();
+    if counted.dropped > 0 {
+        tracing::warn!("{} samples were not finite and were dropped", counted.dropped);
+    }
+    if !args.json {
+        tracing::info!(
+            "{}: {} samples per pixel in {seconds:.2} s, {:.2} Msamples/s",
+            args.out.display(),
+            figures.spp,
+            samples / seconds * 1e-6
+        );
+        return Ok(());
+    }
+    let document = serde_json::json!({
+        "schema": 1,
+        "scene": args.scene,
+        "size": [args.size.width, args.size.height],
+        "spp": figures.spp,
+        "seconds": seconds,
+        "samples_per_second": samples / seconds,
+        "standard_error": figures.standard_error,
+        "counters": counted.named().into_iter().collect::<std::collections::BTreeMap<_, _>>(),
+    });
+    print(&document.to_string())
+}
+
+fn render_picture(
+    scene: Arc<Scene>,
+    args: &RenderArgs,
+    camera: Camera,
+    pose: Pose,
+    counters: &Counters,
+    file: WholeFile,
+    kind: PictureKind,
+) -> Result<Figures, Failure> {
+    let exposure = scene.exposure;
+    let tracer = PathTracer::new(scene);
+    let settings =
+        RenderSettings { spp: args.spp, max_depth: args.max_depth, seed: args.seed, filter: PixelFilter::Box };
+    let budget = args.time_budget_ms.map_or(Duration::MAX, Duration::from_millis);
+    let bar = progress_bar(args.spp);
+    let start = Instant::now();
+    let image = render_image(&tracer, &camera, &pose, &settings, counters, &mut |done| {
+        bar.set_position(u64::from(done));
+        if start.elapsed() < budget { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
+    });
+    let elapsed = start.elapsed();
+    bar.finish_and_clear();
+    match kind {
+        PictureKind::Exr => file.write_exr(&image),
+        PictureKind::Png => file.write_png(&image, exposure),
+    }
+    .map_err(Failure::Runtime)?;
+    Ok(Figures { spp: image.spp, elapsed, standard_error: Some(image.rms_standard_error()) })
+}
+
+fn render_tree(
+    scene: Arc<Scene>,
+    args: &RenderArgs,
+    camera: Camera,
+    pose: Pose,
+    counters: &Counters,
+    file: WholeFile,
+) -> Result<Figures, Failure> {
+    let plan = plan_of(&scene);
+    let renderer = FrameRenderer::new(scene);
+    let mut tree = Tree::new(pose, camera, plan.clone(), Interfaces::default());
+    let request =
+        FrameRequest { render_pose: pose, camera, plan, spp: args.spp, max_depth: args.max_depth, seed: args.seed };
+    let bar = progress_bar(args.size.height);
+    let start = Instant::now();
+    renderer.render(&request, &mut tree, counters, &|band| bar.inc(u64::from(band.rows.end - band.rows.start)));
+    let elapsed = start.elapsed();
+    bar.finish_and_clear();
+    file.write_tree(&tree).map_err(Failure::Runtime)?;
+    Ok(Figures { spp: args.spp, elapsed, standard_error: None })
+}
+
+/// Shown on stderr, and only where that is a terminal.
+fn progress_bar(steps: u32) -> ProgressBar {
+    let style = ProgressStyle::with_template("render {bar:40} {pos}/{len} {elapsed}, {eta} left");
+    ProgressBar::new(u64::from(steps)).with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()))
+}
+
+/// The camera and where it stands.
+fn view_of(scene: &Scene, args: &RenderArgs) -> anyhow::Result<(Camera, Pose)> {
+    /// Where neither the arguments nor the scene say it: about what a person takes in at once.
+    const DEFAULT_VERTICAL_FOV_RAD: f32 = 1.0;
+    let named = match &args.camera {
+        None => scene.cameras.first(),
+        Some(name) => match scene.cameras.iter().find(|camera| camera.name == *name) {
+            Some(camera) => Some(camera),
+            None => {
+                let known: Vec<&str> = scene.cameras.iter().map(|camera| camera.name.as_str()).collect();
+                bail!("--camera: expected one of {}, found '{name}'", known.join(", "))
+            }
+        },
+    };
+    let vertical_fov_rad = named.map_or(DEFAULT_VERTICAL_FOV_RAD, |camera| camera.vertical_fov_rad);
+    let pose = args.pose.or(named.map(|camera| camera.pose)).unwrap_or(scene.head);
+    Ok((Camera::symmetric(vertical_fov_rad, args.size), pose))
+}
+
+fn parse_pose(text: &str) -> Result<Pose, String> {
+    let expected = || format!("expected 7 numbers 'x y z qx qy qz qw' with a quaternion of length 1, found '{text}'");
+    let numbers: Vec<f64> =
+        text.split_whitespace().map(|word| word.parse().map_err(|_| expected())).collect::<Result<_, _>>()?;
+    let [x, y, z, qx, qy, qz, qw] = numbers[..] else { return Err(expected()) };
+    let orientation = DQuat::from_xyzw(qx, qy, qz, qw);
+    // People type three digits: near enough to 1 to be meant so.
+    let near_unit = (orientation.length() - 1.0).abs() < 1e-2;
+    let pose = Pose { position: DVec3::new(x, y, z), orientation: orientation.normalize() };
+    if near_unit && pose.position.is_finite() && pose.is_valid() { Ok(pose) } else { Err(expected()) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_pose_is_seven_numbers_with_a_unit_quaternion() {
+        let pose = parse_pose("1 -2 3.5 0 0.707 0 0.707").unwrap();
+        assert_eq!(pose.position, DVec3::new(1.0, -2.0, 3.5));
+        assert!((pose.orientation.length() - 1.0).abs() < 1e-12);
+        for bad in
+            ["", "1 2 3", "1 2 3 0 0 0 0", "1 2 3 0 0 0 1 9", "nan 0 0 0 0 0 1", "a 0 0 0 0 0 1", "1e9 0 0 0 0 0 1"]
+        {
+            assert!(parse_pose(bad).unwrap_err().starts_with("expected 7 numbers"), "{bad}");
+        }
+    }
+}

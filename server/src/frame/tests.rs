@@ -1,0 +1,181 @@
+//! The tree against the plain path tracer, and what its planes mean.
+
+use super::{FrameRenderer, FrameRequest};
+use crate::counters::Counters;
+use crate::scene::{Environment, Scene, Surface};
+use crate::testing::{
+    BlockMeans, SceneBuilder, colored, critical_z, diffuse, emitter, glass, material, mirror, render, settings,
+    write_pictures,
+};
+use glam::{DVec3, Vec3};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU32, Ordering};
+use warplight_protocol::frame::{Interfaces, Plan, Tree, UNDEFINED, flatten};
+use warplight_protocol::optics::{Interface, fresnel_dielectric};
+use warplight_protocol::{Camera, ImageSize, Pose};
+
+fn empty_tree() -> Tree {
+    Tree::new(Pose::IDENTITY, Camera::symmetric(1.0, ImageSize::new(1, 1)), Plan::diffuse(), Interfaces::default())
+}
+
+fn tree_of(renderer: &FrameRenderer, camera: Camera, pose: Pose, plan: Plan, spp: u32, seed: u64) -> Tree {
+    let mut tree = empty_tree();
+    let request = FrameRequest { render_pose: pose, camera, plan, spp, max_depth: 12, seed };
+    let counters = Counters::default();
+    renderer.render(&request, &mut tree, &counters, &|_| {});
+    assert_eq!(counters.snapshot().dropped, 0);
+    tree
+}
+
+/// A mirror, a glass ball, water with a filter, metal and diffuse things in a coloured room.
+fn all_kinds() -> Scene {
+    let tinted =
+        Surface::Dielectric { ior: 1.5, filter: Vec3::new(0.9, 1.0, 0.8), absorption: Vec3::new(0.3, 0.1, 0.0) };
+    let water =
+        Surface::Dielectric { ior: 1.33, filter: Vec3::new(0.7, 1.0, 0.8), absorption: Vec3::new(0.5, 0.1, 0.2) };
+    let gold = Surface::Conductor { eta: Vec3::new(0.18, 0.42, 1.37), k: Vec3::new(3.42, 2.35, 1.77) };
+    let x = |x: f32, y: f32, z: f32| Vec3::new(x, y, z);
+    SceneBuilder::new()
+        .floor(-1.0, 3.0, colored(x(0.7, 0.6, 0.5)))
+        .quad([x(-3.0, -1.0, -3.0), x(3.0, -1.0, -3.0), x(3.0, 3.0, -3.0), x(-3.0, 3.0, -3.0)], diffuse(0.6))
+        .quad(
+            [x(-3.0, -1.0, 3.0), x(-3.0, -1.0, -3.0), x(-3.0, 3.0, -3.0), x(-3.0, 3.0, 3.0)],
+            colored(x(0.8, 0.2, 0.2)),
+        )
+        .quad([x(0.4, -0.9, -2.5), x(2.5, -0.9, -1.5), x(2.5, 1.5, -1.6), x(0.4, 1.5, -2.6)], mirror())
+        .quad(
+            [x(-0.2, -0.7, 2.0), x(1.8, -0.7, 2.0), x(1.8, -0.7, 0.3), x(-0.2, -0.7, 0.3)],
+            material("water", water, Vec3::ZERO),
+        )
+        .sphere(x(-0.8, -0.2, 0.0), 0.7, material("tinted", tinted, Vec3::ZERO))
+        .sphere(x(0.6, 0.0, -0.6), 0.5, material("gold", gold, Vec3::ZERO))
+        .sphere(x(0.0, 4.0, 1.0), 1.2, emitter(Vec3::new(9.0, 8.0, 7.0)))
+        .environment(Environment::Gradient {
+            zenith: x(0.3, 0.4, 0.6),
+            horizon: x(0.5, 0.5, 0.5),
+            nadir: x(0.1, 0.1, 0.1),
+        })
+        .build()
+}
+
+#[test]
+fn the_flattened_tree_is_the_path_traced_picture_for_every_plan() {
+    let renderer = FrameRenderer::new(Arc::new(all_kinds()));
+    let camera = Camera::symmetric(0.9, ImageSize::new(64, 48));
+    let pose = Pose::look_at(DVec3::new(0.3, 0.9, 4.2), DVec3::new(0.1, -0.1, 0.0));
+    let pixels = camera.size.pixels();
+    let runs = 12;
+    let expected: Vec<Vec<Vec3>> =
+        (0..runs).map(|run| render(renderer.tracer(), &camera, &pose, &settings(64, 12, 100 + run)).radiance).collect();
+    let reference = BlockMeans::of_runs(64, &expected);
+    for (name, plan) in
+        [("D", Plan::diffuse()), ("DR", Plan::mirror()), ("DRF", Plan::water()), ("DRFFF", Plan::solid())]
+    {
+        let found: Vec<Vec<Vec3>> = (0..runs)
+            .map(|run| {
+                let tree = tree_of(&renderer, camera, pose, plan.clone(), 32, run);
+                let mut radiance = vec![Vec3::ZERO; pixels];
+                flatten(&tree, 0..pixels, &mut radiance);
+                radiance
+            })
+            .collect();
+        let flat = BlockMeans::of_runs(64, &found);
+        let z: Vec<f64> = (0..flat.mean.len())
+            .map(|block| {
+                // What f32 and the client's own Fresnel term may differ by, beside chance.
+                let rounding = 1e-5 * reference.mean[block].abs();
+                (flat.mean[block] - reference.mean[block])
+                    / (flat.standard_error[block].hypot(reference.standard_error[block]).hypot(rounding))
+            })
+            .collect();
+        let worst = z.iter().fold(0.0_f64, |worst, z| worst.max(z.abs()));
+        let limit = critical_z(z.len(), 2.0 * (runs - 1) as f64);
+        if worst > limit {
+            let error: Vec<Vec3> = found[0].iter().zip(&expected[0]).map(|(a, b)| (*a - *b).abs()).collect();
+            let at = write_pictures(
+                &format!("tree-{name}"),
+                64,
+                &[("image", &found[0]), ("reference", &expected[0]), ("error", &error)],
+            );
+            panic!("plan {name}: |z| of {worst:.1} above {limit:.1}; pictures in {}", at.display());
+        }
+        // Chance alone: the scatter of z is that of Student's t, not of a bias in every block.
+        let mean_z = z.iter().sum::<f64>() / z.len() as f64;
+        assert!(mean_z.abs() < 0.35, "plan {name}: mean z {mean_z:.2}");
+    }
+}
+
+#[test]
+fn planes_of_a_glass_ball_mean_what_they_say() {
+    let environment = Environment::Constant(Vec3::new(1.0, 2.0, 3.0));
+    let scene = SceneBuilder::new().sphere(Vec3::ZERO, 1.0, glass(1.5)).environment(environment).build();
+    let renderer = FrameRenderer::new(Arc::new(scene));
+    // An odd size: the middle pixel looks straight through the centre.
+    let camera = Camera::symmetric(0.5, ImageSize::new(33, 33));
+    let pose = Pose::look_at(DVec3::new(0.0, 0.0, 4.0), DVec3::ZERO);
+    let tree = tree_of(&renderer, camera, pose, Plan::solid(), 1, 1);
+    let middle = 33 * 16 + 16;
+    let [root, reflect, refract, leave] = [0, 1, 2, 3].map(|node| &tree.nodes[node]);
+    assert!((root.distance[middle] - 3.0).abs() < 1e-5);
+    assert_eq!(root.radiance_at(middle), Vec3::ZERO);
+    assert!((root.normal_at(middle) - Vec3::Z).length() < 1e-5);
+    assert_eq!(tree.interfaces.at(root.interface[middle]), Some(&Interface::Dielectric { eta: 1.5 }));
+    assert_eq!((reflect.distance[middle], reflect.radiance_at(middle)), (f32::INFINITY, Vec3::new(1.0, 2.0, 3.0)));
+    assert!((refract.distance[middle] - 2.0).abs() < 1e-5);
+    assert_eq!(tree.interfaces.at(refract.interface[middle]), Some(&Interface::Dielectric { eta: 1.0 / 1.5 }));
+    // Inside, on the side the ray comes from: towards the eye.
+    assert!((refract.normal_at(middle) - Vec3::Z).length() < 1e-5);
+    // Entering and leaving cancel in the squared index.
+    assert_eq!(leave.distance[middle], f32::INFINITY);
+    assert!((leave.radiance_at(middle) - Vec3::new(1.0, 2.0, 3.0)).length() < 1e-5);
+    // The internal reflection has no node: it is baked into the refracted one, by its Fresnel weight.
+    let inside = fresnel_dielectric(1.0, 1.0 / 1.5);
+    assert!(refract.radiance_at(middle).x <= inside * 1.01);
+    // Beside the ball: the sky, and no children.
+    assert_eq!((root.distance[0], root.interface[0], reflect.distance[0]), (f32::INFINITY, 0, UNDEFINED));
+    assert_eq!(root.radiance_at(0), Vec3::new(1.0, 2.0, 3.0));
+}
+
+#[test]
+fn total_internal_reflection_has_no_refracted_child() {
+    // From inside a block of glass, at 60 degrees of incidence (critical angle 41.8).
+    let scene =
+        SceneBuilder::new().cube(Vec3::ZERO, 2.0, glass(1.5)).environment(Environment::Constant(Vec3::ONE)).build();
+    let renderer = FrameRenderer::new(Arc::new(scene));
+    let camera = Camera::symmetric(0.01, ImageSize::new(3, 3));
+    let aside = 60.0_f64.to_radians().tan() * 0.5;
+    let pose = Pose::look_at(DVec3::new(0.0, 0.5, 0.0), DVec3::new(aside, 1.0, 0.0));
+    let tree = tree_of(&renderer, camera, pose, Plan::water(), 4, 1);
+    assert_eq!(tree.nodes[2].distance[4], UNDEFINED);
+    assert!(tree.nodes[1].distance[4] > 0.0 && tree.nodes[0].interface[4] > 0);
+}
+
+#[test]
+fn every_band_is_handed_on_once_and_effects_that_are_off_trace_no_ray() {
+    let scene =
+        SceneBuilder::new().floor(0.0, 5.0, diffuse(0.5)).sphere(Vec3::Y * 3.0, 0.5, emitter(Vec3::ONE)).build();
+    let renderer = FrameRenderer::new(Arc::new(scene));
+    let camera = Camera::symmetric(1.0, ImageSize::new(40, 70));
+    let pose = Pose::look_at(DVec3::new(0.0, 2.0, 4.0), DVec3::ZERO);
+    let (bands, rows) = (AtomicU32::new(0), AtomicU32::new(0));
+    let counters = Counters::default();
+    let request = FrameRequest { render_pose: pose, camera, plan: Plan::diffuse(), spp: 2, max_depth: 4, seed: 1 };
+    renderer.render(&request, &mut empty_tree(), &counters, &|band| {
+        bands.fetch_add(1, Ordering::Relaxed);
+        rows.fetch_add(band.rows.end - band.rows.start, Ordering::Relaxed);
+    });
+    assert_eq!((bands.into_inner(), rows.into_inner()), (3, 70));
+    let counts = counters.snapshot();
+    assert_eq!((counts.primary, counts.reflect, counts.refract), (40 * 70, 0, 0));
+    assert!(counts.diffuse > 0 && counts.shadow > 0);
+}
+
+#[test]
+fn the_same_seed_gives_the_same_frame() {
+    let renderer = FrameRenderer::new(Arc::new(all_kinds()));
+    let camera = Camera::symmetric(1.0, ImageSize::new(24, 40));
+    let pose = Pose::look_at(DVec3::new(0.0, 1.0, 4.0), DVec3::ZERO);
+    let frame = |seed| tree_of(&renderer, camera, pose, Plan::solid(), 2, seed);
+    assert_eq!(frame(1), frame(1));
+    assert_ne!(frame(1), frame(2));
+}

@@ -1,0 +1,73 @@
+//! Lambert reflection: equal radiance to all sides, directions drawn by the cosine.
+
+use glam::{Vec2, Vec3};
+use std::f32::consts::{FRAC_1_PI, TAU};
+
+/// Two unit vectors that make a right-handed frame with the unit vector `normal` (Duff et al. 2017,
+/// "Building an Orthonormal Basis, Revisited").
+pub(crate) fn tangents(normal: Vec3) -> (Vec3, Vec3) {
+    let sign = 1.0_f32.copysign(normal.z);
+    let a = -1.0 / (sign + normal.z);
+    let b = normal.x * normal.y * a;
+    (
+        Vec3::new(1.0 + sign * normal.x * normal.x * a, sign * b, -sign * normal.x),
+        Vec3::new(b, sign + normal.y * normal.y * a, -normal.y),
+    )
+}
+
+/// A direction about `normal` with the density cos / pi (Malley's method).
+pub(crate) fn sample_cosine(normal: Vec3, u: Vec2) -> Vec3 {
+    let (tangent, bitangent) = tangents(normal);
+    let radius = u.x.sqrt();
+    let (sine, cosine) = (TAU * u.y).sin_cos();
+    let along = (1.0 - u.x).max(0.0).sqrt();
+    (radius * cosine * tangent + radius * sine * bitangent + along * normal).normalize_or(normal)
+}
+
+/// Density of [`sample_cosine`] over solid angle.
+pub(crate) fn pdf_cosine(normal: Vec3, direction: Vec3) -> f32 {
+    normal.dot(direction).max(0.0) * FRAC_1_PI
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::integrator::sampler::Sampler;
+
+    #[test]
+    fn frames_are_orthonormal_for_every_normal() {
+        let mut sampler = Sampler::new(1, 2, 3);
+        let mut normals = vec![Vec3::Z, -Vec3::Z, Vec3::new(1e-20, 0.0, -1.0), Vec3::new(0.0, 1e-4, -1.0).normalize()];
+        normals.extend((0..1000).map(|_| Vec3::from([0; 3].map(|_| sampler.value() - 0.5)).normalize_or(Vec3::X)));
+        for normal in normals {
+            let (tangent, bitangent) = tangents(normal);
+            for (a, b) in [(tangent, bitangent), (tangent, normal), (bitangent, normal)] {
+                assert!(a.dot(b).abs() < 1e-6, "{normal}");
+            }
+            assert!((tangent.length() - 1.0).abs() < 1e-6 && (bitangent.length() - 1.0).abs() < 1e-6);
+        }
+    }
+
+    /// numerics: sampling; a chi-square test of the sampler against its own density.
+    #[test]
+    fn directions_follow_their_density() {
+        const CELLS: usize = 32;
+        let normal = Vec3::new(0.3, -0.5, 0.8).normalize();
+        let (tangent, bitangent) = tangents(normal);
+        let mut counts = [[0_u32; CELLS]; CELLS];
+        let samples = 200_000;
+        for index in 0..samples {
+            // Streams differ, so that samples are independent and not stratified.
+            let direction = sample_cosine(normal, Sampler::new(5, index, 0).pair());
+            let sine2 = 1.0 - direction.dot(normal).powi(2);
+            let azimuth = direction.dot(bitangent).atan2(direction.dot(tangent)) / TAU + 0.5;
+            let cell = |x: f32| ((x * CELLS as f32) as usize).min(CELLS - 1);
+            // The sine squared of a cosine-distributed direction is uniform.
+            counts[cell(sine2)][cell(azimuth)] += 1;
+        }
+        let expected = samples as f64 / (CELLS * CELLS) as f64;
+        let chi2: f64 = counts.iter().flatten().map(|&count| (f64::from(count) - expected).powi(2) / expected).sum();
+        let freedom = (CELLS * CELLS - 1) as f64;
+        assert!((chi2 - freedom).abs() < 4.0 * (2.0 * freedom).sqrt(), "chi-square {chi2} for {freedom}");
+    }
+}

@@ -1,0 +1,20 @@
+//! The Warplight server: scene -> effects -> integrator -> frame -> encode, and the commands around it.
+//!
+//! Each stage uses only what stands before it: [`scene`], [`effects`] (what the scene calls for), [`accel`]
+//! and [`integrator`] (light transport), [`film`] (whole pictures) and [`frame`] (ray trees).
+
+pub mod accel;
+pub mod cli;
+pub mod counters;
+pub mod effects;
+pub mod film;
+pub mod frame;
+pub mod integrator;
+pub mod net;
+pub mod predict;
+pub mod scene;
+pub mod service;
+pub mod session;
+pub mod stream;
+#[cfg(test)]
+mod testing;

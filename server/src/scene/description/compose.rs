@@ -1,0 +1,372 @@
+//! From the keys of a scene file to a scene: names are resolved, ranges checked, shapes made.
+
+use super::super::material::{Color, Material, Surface};
+use super::super::metals::{metal, metal_names};
+use super::super::pattern::Pattern;
+use super::super::picture::{Encoding, decode};
+use super::super::shapes::{self, Wave};
+use super::super::untrusted::{MAX_FILE_BYTES, MAX_ITEMS, MAX_TEXELS, check_limit, read_file};
+use super::super::{Environment, NamedCamera, Part, SceneError, Sphere, Texture, TextureKind, model};
+use super::checks::Section;
+use super::place::{pose, transform};
+use super::{ColorKeys, Description, EnvironmentKeys, MaterialEntry, Rgb, ShapeKeys, TextureEntry, WaveKeys};
+use glam::{DAffine3, Vec2, Vec3};
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+use warplight_protocol::Pose;
+
+/// What a scene file adds to its shapes.
+pub(in super::super) struct Composition {
+    /// Shapes, materials, textures, cameras and warnings.
+    pub(in super::super) part: Part,
+    pub(in super::super) environment: Option<Environment>,
+    pub(in super::super) exposure: f32,
+    pub(in super::super) head: Option<Pose>,
+}
+
+/// Composes a scene file. Files it names are relative to `folder`; a built-in scene has none.
+pub(in super::super) fn compose(
+    file: &str,
+    folder: Option<&Path>,
+    description: &Description,
+) -> Result<Composition, SceneError> {
+    let top = Section { file, name: String::new() };
+    let items = description.shape.len() + description.material.len() + description.texture.len();
+    check_limit(file, "shapes, materials and textures", MAX_ITEMS, (items + description.camera.len()) as u64)?;
+
+    let exposure = top.number("exposure", description.exposure, 1e-6..=1e6)?;
+    let head = description
+        .head
+        .as_ref()
+        .map(|head| pose(&Section { file, name: "head".to_owned() }, head.position, head.look_at, head.yaw_deg));
+    let mut composer = Composer {
+        file,
+        folder,
+        part: Part::default(),
+        textures: HashMap::new(),
+        materials: HashMap::new(),
+        texels: 0,
+    };
+    for camera in &description.camera {
+        let section = Section { file, name: format!("camera '{}'", camera.name.escape_debug()) };
+        let vertical_fov_deg = section.number("vertical_fov_deg", camera.vertical_fov_deg, 1.0..=170.0)?;
+        composer.part.cameras.push(NamedCamera {
+            name: camera.name.clone(),
+            pose: pose(&section, camera.position, camera.look_at, camera.yaw_deg)?,
+            vertical_fov_rad: vertical_fov_deg.to_radians(),
+        });
+    }
+    description.texture.iter().try_for_each(|entry| composer.texture(entry))?;
+    description.material.iter().try_for_each(|entry| composer.material(entry))?;
+    for (index, shape) in description.shape.iter().enumerate() {
+        composer.shape(index, shape)?;
+    }
+    let environment = description.environment.as_ref().map(|keys| composer.environment(keys)).transpose()?;
+    Ok(Composition { part: composer.part, environment, exposure, head: head.transpose()? })
+}
+
+struct Composer<'a> {
+    file: &'a str,
+    folder: Option<&'a Path>,
+    part: Part,
+    /// Index by name.
+    textures: HashMap<String, u32>,
+    materials: HashMap<String, u32>,
+    /// Image texels so far.
+    texels: u64,
+}
+
+impl Composer<'_> {
+    fn section(&self, kind: &str, name: &str) -> Section<'_> {
+        Section { file: self.file, name: format!("{kind} '{}'", name.escape_debug()) }
+    }
+
+    /// The path of a file that the scene names.
+    fn path(&self, section: &Section, file: &str) -> Result<PathBuf, SceneError> {
+        match self.folder {
+            Some(folder) => Ok(folder.join(file)),
+            None => {
+                Err(section.error("file", "no file in a built-in scene", format_args!("'{}'", file.escape_debug())))
+            }
+        }
+    }
+
+    fn picture(&mut self, path: &Path, encoding: Encoding) -> Result<(u32, u32, Vec<[f32; 3]>), SceneError> {
+        let picture = decode(&path.display().to_string(), &read_file(path, MAX_FILE_BYTES)?, encoding)?;
+        self.texels += picture.texels.len() as u64;
+        check_limit(self.file, "texels", MAX_TEXELS, self.texels)?;
+        Ok((picture.width, picture.height, picture.texels))
+    }
+
+    fn texture(&mut self, entry: &TextureEntry) -> Result<(), SceneError> {
+        let section = self.section("texture", entry.name());
+        let counts = 1e-3..=1e3_f32;
+        let color = |field: &str, value: &Rgb| section.rgb(field, *value, 0.0..=1.0).map(|color| color.to_array());
+        let kind = match entry {
+            TextureEntry::Image { file, linear, .. } => {
+                let path = self.path(&section, file)?;
+                let encoding = if *linear { Encoding::Linear } else { Encoding::ByFormat };
+                let (width, height, texels) = self.picture(&path, encoding)?;
+                TextureKind::Image { width, height, texels }
+            }
+            TextureEntry::Checker { a, b, squares, .. } => TextureKind::Checker {
+                a: color("a", a)?,
+                b: color("b", b)?,
+                squares: section.pair("squares", *squares, counts)?.to_array(),
+            },
+            TextureEntry::Stripes { a, b, count, softness, .. } => TextureKind::Pattern(Pattern::Stripes {
+                a: color("a", a)?,
+                b: color("b", b)?,
+                count: section.number("count", *count, counts)?,
+                softness: section.number("softness", *softness, 0.0..=1.0)?,
+            }),
+            TextureEntry::Wood { light, dark, planks, .. } => TextureKind::Pattern(Pattern::Wood {
+                light: color("light", light)?,
+                dark: color("dark", dark)?,
+                planks: section.pair("planks", *planks, counts)?.to_array(),
+            }),
+            TextureEntry::Tiles { tile, joint, count, joint_width, variation, .. } => {
+                TextureKind::Pattern(Pattern::Tiles {
+                    tile: color("tile", tile)?,
+                    joint: color("joint", joint)?,
+                    count: section.pair("count", *count, counts)?.to_array(),
+                    joint_width: section.number("joint_width", *joint_width, 0.0..=1.0)?,
+                    variation: section.number("variation", *variation, 0.0..=1.0)?,
+                })
+            }
+            TextureEntry::Marble { stone, vein, count, .. } => TextureKind::Pattern(Pattern::Marble {
+                stone: color("stone", stone)?,
+                vein: color("vein", vein)?,
+                count: section.number("count", *count, counts)?,
+            }),
+            TextureEntry::Rings { a, b, count, .. } => TextureKind::Pattern(Pattern::Rings {
+                a: color("a", a)?,
+                b: color("b", b)?,
+                count: section.number("count", *count, counts)?,
+            }),
+            TextureEntry::Hills { sky, haze, sun, ground, seed, .. } => TextureKind::Pattern(Pattern::Hills {
+                sky: color("sky", sky)?,
+                haze: color("haze", haze)?,
+                sun: color("sun", sun)?,
+                ground: color("ground", ground)?,
+                seed: *seed,
+            }),
+        };
+        let index = self.part.textures.len() as u32;
+        if self.textures.insert(entry.name().to_owned(), index).is_some() {
+            return Err(self.section("texture", entry.name()).error("name", "a name of its own", "one that is taken"));
+        }
+        self.part.textures.push(Texture { kind });
+        Ok(())
+    }
+
+    fn color(&self, section: &Section, field: &str, keys: &ColorKeys, most: f32) -> Result<Color, SceneError> {
+        let (name, factor) = match keys {
+            ColorKeys::Plain(color) => return Ok(Color::Constant(section.rgb(field, *color, 0.0..=most)?)),
+            ColorKeys::Texture(name) => (name, Vec3::ONE),
+            ColorKeys::Scaled(scaled) => (&scaled.texture, section.rgb(field, scaled.factor, 0.0..=most)?),
+        };
+        let texture = index_of(&self.textures, section, field, "texture", name)?;
+        Ok(Color::Textured { texture, factor })
+    }
+
+    fn material(&mut self, entry: &MaterialEntry) -> Result<(), SceneError> {
+        let name = entry.name();
+        let section = self.section("material", name);
+        let filter = |filter: &Option<Rgb>| section.rgb("filter", filter.unwrap_or(Rgb::Grey(1.0)), 0.0..=1.0);
+        let mut emission = Color::Constant(Vec3::ZERO);
+        let mut emission_two_sided = false;
+        let surface = match entry {
+            MaterialEntry::Diffuse { albedo, emission: emitted, emission_two_sided: both, .. } => {
+                if let Some(emitted) = emitted {
+                    emission = self.color(&section, "emission", emitted, MAX_RADIANCE)?;
+                    emission_two_sided = *both;
+                }
+                Surface::Diffuse { albedo: self.color(&section, "albedo", albedo, 1.0)? }
+            }
+            MaterialEntry::Mirror { filter: by, .. } => Surface::Mirror { filter: filter(by)? },
+            MaterialEntry::Conductor { metal: named, eta, k, .. } => {
+                let (eta, k) = conductor(&section, named.as_deref(), *eta, *k)?;
+                Surface::Conductor { eta, k }
+            }
+            MaterialEntry::Dielectric { ior, filter: by, absorption, .. } => Surface::Dielectric {
+                ior: section.number("ior", *ior, MIN_IOR..=MAX_IOR)?,
+                filter: filter(by)?,
+                absorption: section.rgb("absorption", absorption.unwrap_or(Rgb::Grey(0.0)), 0.0..=MAX_ABSORPTION)?,
+            },
+        };
+        let index = self.part.materials.len() as u32;
+        if self.materials.insert(name.to_owned(), index).is_some() {
+            return Err(self.section("material", name).error("name", "a name of its own", "one that is taken"));
+        }
+        self.part.materials.push(Material { name: name.to_owned(), surface, emission, emission_two_sided });
+        Ok(())
+    }
+
+    fn shape(&mut self, index: usize, keys: &ShapeKeys) -> Result<(), SceneError> {
+        let section = Section { file: self.file, name: format!("shape {}", index + 1) };
+        let material = |name: &String| index_of(&self.materials, &section, "material", "material", name);
+        let repeat = |repeat: &[f32; 2]| section.pair("repeat", *repeat, -1e4..=1e4);
+        let (mesh, world_from_shape, material) = match keys {
+            ShapeKeys::Sphere { material: name, centre, radius } => {
+                let sphere = Sphere {
+                    centre: section.point("centre", *centre)?,
+                    radius: section.length("radius", *radius)?,
+                    material: material(name)?,
+                };
+                self.part.spheres.push(sphere);
+                return Ok(());
+            }
+            ShapeKeys::Box { material: name, size, repeat: times, transform: keys } => {
+                size.iter().try_for_each(|&side| section.length("size", side).map(drop))?;
+                let mesh = shapes::cuboid(Vec3::from_array(*size), repeat(times)?);
+                (mesh, transform(&section, keys)?, material(name)?)
+            }
+            ShapeKeys::Quad { material: name, corner, edge_u, edge_v, repeat: times } => {
+                let (u, v) = (section.point("edge_u", *edge_u)?, section.point("edge_v", *edge_v)?);
+                if u.cross(v).length() < 1e-9 {
+                    return Err(section.error("edge_v", "an edge that is not parallel to edge_u, and not 0", v));
+                }
+                let mesh = shapes::quad(section.point("corner", *corner)?, u, v, repeat(times)?);
+                (mesh, DAffine3::IDENTITY, material(name)?)
+            }
+            ShapeKeys::Cylinder { material: name, radius, height, segments, repeat: times, transform: keys } => {
+                let radius = section.length("radius", *radius)?;
+                let height = section.length("height", *height)?;
+                let segments = section.count("segments", *segments, 3..=4096)?;
+                let mesh = shapes::cylinder(radius, height, segments, repeat(times)?);
+                (mesh, transform(&section, keys)?, material(name)?)
+            }
+            ShapeKeys::Water { material: name, size, cells, waves, repeat: times, transform: keys } => {
+                size.iter().try_for_each(|&side| section.length("size", side).map(drop))?;
+                cells.iter().try_for_each(|&cells| section.count("cells", cells, 1..=1024).map(drop))?;
+                check_limit(self.file, "waves of a water surface", MAX_WAVES, waves.len() as u64)?;
+                let waves = waves.iter().map(|keys| wave(&section, keys)).collect::<Result<Vec<_>, _>>()?;
+                let mesh = shapes::water(Vec2::from_array(*size), *cells, &waves, repeat(times)?);
+                (mesh, transform(&section, keys)?, material(name)?)
+            }
+            ShapeKeys::Mesh { file, material: all, materials, transform: keys } => {
+                let all = all.as_ref().map(material).transpose()?;
+                let world_from_shape = transform(&section, keys)?;
+                let mut part = model::load(&self.path(&section, file)?)?;
+                let mut replacements = HashMap::new();
+                for (theirs, ours) in materials {
+                    if !part.materials.iter().any(|material| material.name == *theirs) {
+                        let known =
+                            part.materials.iter().map(|m| m.name.as_str()).take(8).collect::<Vec<_>>().join(", ");
+                        let found = format!("'{}'", theirs.escape_debug());
+                        return Err(section.error("materials", format_args!("a material of {file} ({known})"), found));
+                    }
+                    replacements.insert(theirs.as_str(), material(ours)?);
+                }
+                let texels: u64 = part.textures.iter().map(Texture::texels).sum();
+                self.texels += texels;
+                check_limit(self.file, "texels", MAX_TEXELS, self.texels)?;
+                // A model's own view points belong to the model: the scene has its own.
+                part.cameras.clear();
+                let names: Vec<String> = part.materials.iter().map(|material| material.name.clone()).collect();
+                let replace = |index: u32| all.or_else(|| replacements.get(names[index as usize].as_str()).copied());
+                return self.part.append(part, &world_from_shape, self.file, replace);
+            }
+        };
+        self.part.mesh.append(&mesh, &world_from_shape, self.file, |_| material)
+    }
+
+    fn environment(&mut self, keys: &EnvironmentKeys) -> Result<Environment, SceneError> {
+        let section = Section { file: self.file, name: "environment".to_owned() };
+        let radiance = |field: &str, value: &Rgb| section.rgb(field, *value, 0.0..=MAX_RADIANCE);
+        match keys {
+            EnvironmentKeys::Constant { radiance: value } => Ok(Environment::Constant(radiance("radiance", value)?)),
+            EnvironmentKeys::Gradient { zenith, horizon, nadir } => Ok(Environment::Gradient {
+                zenith: radiance("zenith", zenith)?,
+                horizon: radiance("horizon", horizon)?,
+                nadir: radiance("nadir", nadir)?,
+            }),
+            EnvironmentKeys::Image { file, rotation_deg, scale } => {
+                let rotation_rad = section.number("rotation_deg", *rotation_deg, -360.0..=360.0)?.to_radians();
+                let scale = section.number("scale", *scale, 0.0..=1e6)?;
+                let path = self.path(&section, file)?;
+                let (width, height, mut texels) = self.picture(&path, Encoding::ByFormat)?;
+                texels.iter_mut().flatten().for_each(|value| *value *= scale);
+                Ok(Environment::Image { width, height, texels, rotation_rad })
+            }
+        }
+    }
+}
+
+/// Brightest radiance: the sun's disc has about 1e9 in relative terms, which no sampler here could use.
+const MAX_RADIANCE: f32 = 1e6;
+/// An index of 1 is no boundary at all.
+const MIN_IOR: f32 = 1.0001;
+/// Above germanium (4) nothing transparent exists.
+const MAX_IOR: f32 = 10.0;
+/// Per metre: opaque within a hundredth of a millimetre.
+const MAX_ABSORPTION: f32 = 1e6;
+/// Waves of one surface: each costs one sine per vertex.
+const MAX_WAVES: u64 = 64;
+
+fn index_of(
+    indices: &HashMap<String, u32>,
+    section: &Section,
+    field: &str,
+    kind: &str,
+    name: &str,
+) -> Result<u32, SceneError> {
+    let missing =
+        || section.error(field, format_args!("the name of a [[{kind}]]"), format_args!("'{}'", name.escape_debug()));
+    indices.get(name).copied().ok_or_else(missing)
+}
+
+fn conductor(
+    section: &Section,
+    named: Option<&str>,
+    eta: Option<Rgb>,
+    k: Option<Rgb>,
+) -> Result<(Vec3, Vec3), SceneError> {
+    match (named, eta, k) {
+        (Some(name), None, None) => metal(name).ok_or_else(|| {
+            section.error("metal", format_args!("one of {}", metal_names()), format_args!("'{}'", name.escape_debug()))
+        }),
+        (None, Some(eta), Some(k)) => Ok((section.rgb("eta", eta, 1e-3..=1e3)?, section.rgb("k", k, 0.0..=1e3)?)),
+        _ => Err(section.error("metal", "either metal, or both eta and k", "another combination")),
+    }
+}
+
+fn wave(section: &Section, keys: &WaveKeys) -> Result<Wave, SceneError> {
+    let direction = section.pair("waves: direction", keys.direction, -1e6..=1e6)?;
+    let Some(direction) = direction.try_normalize() else {
+        return Err(section.error("waves: direction", "a direction", "0"));
+    };
+    Ok(Wave {
+        direction,
+        length_m: section.length("waves: length_m", keys.length_m)?,
+        height_m: section.number("waves: height_m", keys.height_m, 0.0..=1e3)?,
+        phase_rad: section.number("waves: phase_deg", keys.phase_deg, -360.0..=360.0)?.to_radians(),
+    })
+}
+
+impl TextureEntry {
+    fn name(&self) -> &str {
+        match self {
+            TextureEntry::Image { name, .. }
+            | TextureEntry::Checker { name, .. }
+            | TextureEntry::Stripes { name, .. }
+            | TextureEntry::Wood { name, .. }
+            | TextureEntry::Tiles { name, .. }
+            | TextureEntry::Marble { name, .. }
+            | TextureEntry::Rings { name, .. }
+            | TextureEntry::Hills { name, .. } => name,
+        }
+    }
+}
+
+impl MaterialEntry {
+    fn name(&self) -> &str {
+        match self {
+            MaterialEntry::Diffuse { name, .. }
+            | MaterialEntry::Mirror { name, .. }
+            | MaterialEntry::Conductor { name, .. }
+            | MaterialEntry::Dielectric { name, .. } => name,
+        }
+    }
+}

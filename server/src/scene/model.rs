@@ -1,0 +1,20 @@
+//! Model files by their extension.
+
+use super::{Part, SceneError, gltf};
+use std::path::Path;
+
+/// Reads a model: .glb or .gltf.
+pub(super) fn load(path: &Path) -> Result<Part, SceneError> {
+    match extension(path).as_str() {
+        "glb" | "gltf" => gltf::load(path),
+        _ => Err(SceneError::Malformed {
+            file: path.display().to_string(),
+            reason: "expected a model that ends in .glb or .gltf".to_owned(),
+        }),
+    }
+}
+
+/// The extension in lower case; empty where there is none.
+pub(super) fn extension(path: &Path) -> String {
+    path.extension().map(|extension| extension.to_string_lossy().to_lowercase()).unwrap_or_default()
+}

@@ -1,0 +1,364 @@
+//! The server's side of a session: a state machine without clock and socket.
+//!
+//! Bytes and instants go in; render jobs and bytes come out. Whoever drives it, over TCP and real time or
+//! over a modelled link and virtual time, asks three questions: is there something to render
+//! ([`ServerSession::poll_render`]), something to send ([`ServerSession::poll_transmit`]), and when to ask
+//! again ([`ServerSession::next_timeout`]).
+//!
+//! Freshness: a frame is rendered only for a pose that is new; at most [`MAX_UNACKNOWLEDGED`] live frames are
+//! under way; a frame that has not begun to be sent is replaced by the next, never queued behind it.
+
+mod outbox;
+
+use crate::predict::Predictor;
+use outbox::Outbox;
+use std::collections::VecDeque;
+use std::time::Duration;
+use warplight_protocol::codec::{DecodeError, FrameShape, Limits};
+use warplight_protocol::frame::{ColorFormat, FrameFormat, FrameId, Interfaces, Plan};
+use warplight_protocol::message::{
+    Capabilities, ErrorCode, FrameBegin, FrameEnd, FramePurpose, Hello, Message, Statistics, StillRequest, Welcome,
+};
+use warplight_protocol::wire::Deframer;
+use warplight_protocol::{Pose, Timestamp};
+
+pub use outbox::MAX_UNACKNOWLEDGED;
+
+/// A ping after this long without one.
+pub const KEEP_ALIVE: Duration = Duration::from_millis(500);
+/// A peer that says nothing for this long is gone.
+pub const DEAD_PEER: Duration = Duration::from_secs(2);
+/// Poses are never predicted further ahead.
+pub const MAX_HORIZON: Duration = Duration::from_millis(100);
+/// Stills that may wait.
+const MAX_STILLS: usize = 64;
+/// Share of a new measurement in the running latency.
+const LATENCY_GAIN: f64 = 0.2;
+
+/// How many samples each pixel of a live frame gets.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SampleBudget {
+    /// Always so many.
+    Samples(u32),
+    /// As many as fit into this time, going by what the last frame cost.
+    Time(Duration),
+}
+
+/// What a session serves.
+#[derive(Clone, Debug)]
+pub struct SessionConfig {
+    /// Name of the scene.
+    pub scene: String,
+    /// Effects that it calls for.
+    pub effects: Vec<String>,
+    /// Where a person stands in it.
+    pub head: Pose,
+    /// Factor on radiance before display.
+    pub exposure: f32,
+    /// Nodes of its live frames.
+    pub plan: Plan,
+    /// Its optical boundaries.
+    pub interfaces: Interfaces,
+    /// Samples of a live frame.
+    pub samples: SampleBudget,
+    /// Most samples of a still.
+    pub max_still_spp: u32,
+    /// Rows per strip.
+    pub strip_rows: u16,
+    /// What the peer may ask for.
+    pub limits: Limits,
+}
+
+/// A frame to be rendered and encoded.
+#[derive(Clone, Debug)]
+pub struct RenderJob {
+    /// Its head, as it will be sent.
+    pub begin: FrameBegin,
+    /// Samples per pixel.
+    pub spp: u32,
+}
+
+/// Why a session is over.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum SessionEnd {
+    /// The client said goodbye.
+    #[error("the client left")]
+    Bye,
+    /// The client reported an error.
+    #[error("the client ended the session: {0}")]
+    ByPeer(String),
+    /// The client sent what it must not.
+    #[error("{0}")]
+    Decode(#[from] DecodeError),
+    /// The client said nothing for [`DEAD_PEER`].
+    #[error("the client said nothing for 2 s")]
+    Silent,
+}
+
+/// The state of one session.
+#[derive(Debug)]
+pub struct ServerSession {
+    config: SessionConfig,
+    deframer: Deframer,
+    hello: Option<Hello>,
+    end: Option<SessionEnd>,
+    outbox: Outbox,
+    predictor: Predictor,
+    pose_received: Timestamp,
+    rendered_pose: Option<Timestamp>,
+    rendering: Option<Rendering>,
+    stills: VecDeque<StillRequest>,
+    next_frame: FrameId,
+    next_frame_due: Timestamp,
+    next_ping: Timestamp,
+    last_heard: Timestamp,
+    latency_secs: f64,
+    millis_per_sample: Option<f64>,
+    statistics: Statistics,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Rendering {
+    id: FrameId,
+    is_live: bool,
+    end: FrameEnd,
+}
+
+impl ServerSession {
+    /// A session whose link has just come up.
+    pub fn new(config: SessionConfig, now: Timestamp) -> ServerSession {
+        ServerSession {
+            deframer: Deframer::new(config.limits),
+            config,
+            hello: None,
+            end: None,
+            outbox: Outbox::default(),
+            predictor: Predictor::default(),
+            pose_received: now,
+            rendered_pose: None,
+            rendering: None,
+            stills: VecDeque::new(),
+            next_frame: FrameId(1),
+            next_frame_due: now,
+            next_ping: now + KEEP_ALIVE,
+            last_heard: now,
+            latency_secs: 0.0,
+            millis_per_sample: None,
+            statistics: Statistics::default(),
+        }
+    }
+
+    /// Takes in bytes from the client. Once the session is over they are ignored.
+    pub fn on_bytes(&mut self, now: Timestamp, bytes: &[u8]) {
+        self.last_heard = now;
+        self.deframer.push(bytes);
+        while self.end.is_none() {
+            let handled = match self.deframer.next_message() {
+                Ok(Some(message)) => self.on_message(now, message),
+                Ok(None) => return,
+                Err(error) => Err(error),
+            };
+            if let Err(error) = handled {
+                self.outbox.push_control(Message::Error { code: ErrorCode::from(&error), text: refusal(&error) });
+                self.end = Some(SessionEnd::Decode(error));
+            }
+        }
+    }
+
+    fn on_message(&mut self, now: Timestamp, message: Message) -> Result<(), DecodeError> {
+        let expected = |expected| Err(DecodeError::Malformed { field: "order of messages", expected });
+        match message {
+            Message::Bye => self.end = Some(SessionEnd::Bye),
+            Message::Error { text, .. } => self.end = Some(SessionEnd::ByPeer(text)),
+            Message::Hello(_) if self.hello.is_some() => return expected("one hello"),
+            Message::Hello(hello) => self.on_hello(now, hello)?,
+            _ if self.hello.is_none() => return expected("a hello first"),
+            Message::Poses(samples) => {
+                for sample in samples {
+                    if self.predictor.push(sample) {
+                        self.pose_received = now;
+                    }
+                }
+                self.statistics.poses_ignored = self.predictor.ignored();
+            }
+            Message::FrameAck(ack) => {
+                if self.outbox.acknowledge(ack.id) {
+                    let measured = Duration::from_micros(u64::from(ack.pose_to_ready_micros)).as_secs_f64();
+                    let gain = if self.latency_secs == 0.0 { 1.0 } else { LATENCY_GAIN };
+                    self.latency_secs += gain * (measured - self.latency_secs);
+                }
+            }
+            Message::StillRequest(_) if self.stills.len() >= MAX_STILLS => {
+                return Err(DecodeError::LimitExceeded { limit: MAX_STILLS, requested: self.stills.len() + 1 });
+            }
+            Message::StillRequest(request) => self.stills.push_back(request),
+            Message::Ping(time) => self.outbox.push_control(Message::Pong(time)),
+            Message::Pong(_) => {}
+            Message::Welcome(_) | Message::FrameBegin(_) | Message::Strip(_) | Message::FrameEnd(_) | Message::Statistics(_) => {
+                return expected("only what a client says");
+            }
+        }
+        Ok(())
+    }
+
+    fn on_hello(&mut self, now: Timestamp, hello: Hello) -> Result<(), DecodeError> {
+        self.shape_for(&hello, FramePurpose::Live).check(&self.config.limits)?;
+        self.outbox.push_control(Message::Welcome(Welcome {
+            capabilities: Capabilities::ALL,
+            software: concat!("warplight-server ", env!("CARGO_PKG_VERSION")).to_owned(),
+            scene: self.config.scene.clone(),
+            effects: self.config.effects.clone(),
+            head: self.config.head,
+            exposure: self.config.exposure,
+        }));
+        self.next_frame_due = now;
+        self.hello = Some(hello);
+        Ok(())
+    }
+
+    fn shape_for(&self, hello: &Hello, purpose: FramePurpose) -> FrameShape {
+        let still_format = FrameFormat { color: ColorFormat::Half, ..hello.format };
+        let (plan, interfaces, format) = match purpose {
+            FramePurpose::Live => (self.config.plan.clone(), self.config.interfaces.clone(), hello.format),
+            FramePurpose::Still(_) => (Plan::diffuse(), Interfaces::default(), still_format),
+        };
+        let exposure = self.config.exposure;
+        FrameShape { camera: hello.camera, plan, interfaces, format, strip_rows: self.config.strip_rows, exposure }
+    }
+
+    /// The next frame to render, if one is due and none is being rendered. Live frames go before stills.
+    pub fn poll_render(&mut self, now: Timestamp) -> Option<RenderJob> {
+        if self.rendering.is_some() || self.end.is_some() {
+            return None;
+        }
+        let hello = self.hello.clone()?;
+        let (purpose, pose, horizon, spp) = if self.live_frame_is_due(now) {
+            let horizon = Duration::from_secs_f64(self.latency_secs).min(MAX_HORIZON);
+            self.rendered_pose = self.predictor.latest_time();
+            let interval = Duration::from_secs_f64(1.0 / f64::from(hello.frame_hz));
+            // Missed beats are not made up for.
+            self.next_frame_due = if now.since(self.next_frame_due) > interval { now + interval } else { self.next_frame_due + interval };
+            (FramePurpose::Live, self.predictor.predict(horizon)?, horizon, self.live_samples())
+        } else if self.outbox.is_idle() {
+            let still = self.stills.pop_front()?;
+            (FramePurpose::Still(still.number), still.pose, Duration::ZERO, still.spp.clamp(1, self.config.max_still_spp))
+        } else {
+            return None;
+        };
+        let id = self.next_frame;
+        self.next_frame = FrameId(id.0.wrapping_add(1));
+        let is_live = purpose == FramePurpose::Live;
+        // The pose as it travels, so that both ends hold the same numbers.
+        let render_pose = pose.to_wire().and_then(|bytes| Pose::from_wire(&bytes))?;
+        let pose_received = if is_live { self.pose_received } else { now };
+        let end = FrameEnd { id, pose_received, render_start: now, render_end: now, encoded: now, sent: now, spp };
+        self.rendering = Some(Rendering { id, is_live, end });
+        let begin = FrameBegin {
+            id,
+            purpose,
+            pose_time: if is_live { self.rendered_pose? } else { Timestamp::ZERO },
+            horizon_micros: horizon.as_micros() as u32,
+            render_pose,
+            shape: self.shape_for(&hello, purpose),
+        };
+        self.outbox.prepare(begin.clone());
+        Some(RenderJob { begin, spp })
+    }
+
+    /// A live frame would replace whatever waits to be sent, so it waits itself until a still has left.
+    fn live_frame_is_due(&self, now: Timestamp) -> bool {
+        now >= self.next_frame_due && self.predictor.latest_time() > self.rendered_pose && !self.outbox.holds_still()
+    }
+
+    fn live_samples(&self) -> u32 {
+        const MOST: f64 = 4096.0;
+        match self.config.samples {
+            SampleBudget::Samples(spp) => spp.max(1),
+            SampleBudget::Time(budget) => {
+                let cost = self.millis_per_sample.unwrap_or(f64::INFINITY);
+                (budget.as_secs_f64() * 1e3 / cost).clamp(1.0, MOST) as u32
+            }
+        }
+    }
+
+    /// A strip of the frame that is being rendered.
+    pub fn on_strip(&mut self, now: Timestamp, frame: FrameId, strip: Vec<u8>) {
+        let Some(rendering) = self.rendering.as_mut().filter(|rendering| rendering.id == frame) else {
+            return;
+        };
+        rendering.end.encoded = now;
+        if self.outbox.push_strip(frame, strip) {
+            self.statistics.frames_replaced += 1;
+        }
+    }
+
+    /// The frame is rendered and its last strip handed over. `counters` are totals of the session.
+    pub fn on_render_end(&mut self, now: Timestamp, frame: FrameId, render_end: Timestamp, counters: Vec<(String, u64)>) {
+        let Some(mut rendering) = self.rendering.take().filter(|rendering| rendering.id == frame) else {
+            return;
+        };
+        rendering.end.render_end = render_end;
+        rendering.end.encoded = now;
+        if rendering.is_live {
+            let millis = now.since(rendering.end.render_start).as_secs_f64() * 1e3;
+            self.millis_per_sample = Some((millis / f64::from(rendering.end.spp)).max(1e-3));
+            self.statistics.frames_rendered += 1;
+        }
+        self.statistics.counters = counters;
+        self.outbox.finish(rendering.end);
+    }
+
+    /// Appends the next message to `out`; false where there is none for now.
+    pub fn poll_transmit(&mut self, now: Timestamp, out: &mut Vec<u8>) -> bool {
+        if self.end.is_none() && self.hello.is_some() && now >= self.next_ping {
+            self.outbox.push_control(Message::Ping(now));
+            self.next_ping = now + KEEP_ALIVE;
+        }
+        let Some(message) = self.outbox.next_message(now, self.end.is_some()) else {
+            return false;
+        };
+        if let Message::FrameEnd(_) = &message {
+            self.statistics.frames_sent = self.outbox.live_frames_sent();
+            self.outbox.push_control(Message::Statistics(self.statistics.clone()));
+        }
+        warplight_protocol::wire::write_message(&message, out);
+        true
+    }
+
+    /// Notices a peer that is gone.
+    pub fn on_timeout(&mut self, now: Timestamp) {
+        if self.end.is_none() && now.since(self.last_heard) >= DEAD_PEER {
+            let text = "nothing heard for 2 s".to_owned();
+            self.outbox.push_control(Message::Error { code: ErrorCode::Timeout, text });
+            self.end = Some(SessionEnd::Silent);
+        }
+    }
+
+    /// When to ask again, if nothing else happens.
+    pub fn next_timeout(&self) -> Timestamp {
+        let mut next = self.next_ping.min(self.last_heard + DEAD_PEER);
+        if self.rendering.is_none() && self.predictor.latest_time() > self.rendered_pose {
+            next = next.min(self.next_frame_due);
+        }
+        next
+    }
+
+    /// Why the session is over, once it is.
+    pub fn end(&self) -> Option<&SessionEnd> {
+        self.end.as_ref()
+    }
+}
+
+/// What a refused client is told: in words, and for a version with both versions.
+fn refusal(error: &DecodeError) -> String {
+    match error {
+        DecodeError::Unsupported { field: "protocol version", found } => format!(
+            "this server speaks version {} of the Warplight protocol, the client version {found}: install the same release at both ends",
+            warplight_protocol::message::VERSION
+        ),
+        error => error.to_string(),
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,119 @@
+//! What waits to be sent: control messages, then the frame being sent, then the one behind it.
+//!
+//! There is no queue of frames. One is being sent; one may stand behind it, and the next replaces it as long
+//! as nothing of it has left.
+
+use std::collections::VecDeque;
+use warplight_protocol::Timestamp;
+use warplight_protocol::frame::FrameId;
+use warplight_protocol::message::{FrameBegin, FrameEnd, FramePurpose, Message, StripMessage};
+
+/// Live frames that may be under way without an acknowledgement.
+pub const MAX_UNACKNOWLEDGED: usize = 2;
+
+#[derive(Debug, Default)]
+pub(super) struct Outbox {
+    control: VecDeque<Message>,
+    /// Rendering has started, but there is no strip yet: it replaces nothing before that.
+    prepared: Option<Outgoing>,
+    pending: Option<Outgoing>,
+    sending: Option<Outgoing>,
+    unacknowledged: Vec<FrameId>,
+    live_frames_sent: u32,
+}
+
+#[derive(Debug)]
+struct Outgoing {
+    begin: FrameBegin,
+    strips: VecDeque<Vec<u8>>,
+    end: Option<FrameEnd>,
+}
+
+impl Outgoing {
+    fn is_live(&self) -> bool {
+        self.begin.purpose == FramePurpose::Live
+    }
+}
+
+impl Outbox {
+    pub(super) fn push_control(&mut self, message: Message) {
+        self.control.push_back(message);
+    }
+
+    /// A frame whose strips will follow.
+    pub(super) fn prepare(&mut self, begin: FrameBegin) {
+        self.prepared = Some(Outgoing { begin, strips: VecDeque::new(), end: None });
+    }
+
+    /// Takes a strip in; true where its frame thereby replaced one that was never sent.
+    pub(super) fn push_strip(&mut self, frame: FrameId, strip: Vec<u8>) -> bool {
+        let mut replaced = false;
+        if let Some(prepared) = self.prepared.take_if(|prepared| prepared.begin.id == frame) {
+            replaced = self.pending.replace(prepared).is_some();
+        }
+        if let Some(outgoing) = self.of(frame) {
+            outgoing.strips.push_back(strip);
+        }
+        replaced
+    }
+
+    pub(super) fn finish(&mut self, end: FrameEnd) {
+        if let Some(outgoing) = self.of(end.id) {
+            outgoing.end = Some(end);
+        }
+    }
+
+    fn of(&mut self, frame: FrameId) -> Option<&mut Outgoing> {
+        [&mut self.pending, &mut self.sending].into_iter().flatten().find(|outgoing| outgoing.begin.id == frame)
+    }
+
+    /// Whether the acknowledgement was waited for.
+    pub(super) fn acknowledge(&mut self, frame: FrameId) -> bool {
+        let before = self.unacknowledged.len();
+        // Frames arrive in order, so what came before this one has arrived or never will.
+        self.unacknowledged.retain(|&waiting| waiting > frame);
+        self.unacknowledged.len() < before
+    }
+
+    /// Nothing of a frame is waiting or under way.
+    pub(super) fn is_idle(&self) -> bool {
+        self.prepared.is_none() && self.pending.is_none() && self.sending.is_none()
+    }
+
+    /// A still waits to be sent.
+    pub(super) fn holds_still(&self) -> bool {
+        self.pending.as_ref().is_some_and(|pending| !pending.is_live())
+    }
+
+    pub(super) fn live_frames_sent(&self) -> u32 {
+        self.live_frames_sent
+    }
+
+    /// The next message; only control messages once the session is `closing`.
+    pub(super) fn next_message(&mut self, now: Timestamp, closing: bool) -> Option<Message> {
+        if let Some(message) = self.control.pop_front() {
+            return Some(message);
+        }
+        if closing {
+            return None;
+        }
+        if let Some(sending) = &mut self.sending {
+            let id = sending.begin.id;
+            if let Some(bytes) = sending.strips.pop_front() {
+                return Some(Message::Strip(StripMessage { frame: id, bytes }));
+            }
+            let end = sending.end?;
+            self.live_frames_sent += u32::from(sending.is_live());
+            self.sending = None;
+            return Some(Message::FrameEnd(FrameEnd { sent: now, ..end }));
+        }
+        let may_begin = |pending: &mut Outgoing| !pending.is_live() || self.unacknowledged.len() < MAX_UNACKNOWLEDGED;
+        let pending = self.pending.take_if(may_begin)?;
+        if pending.is_live() {
+            self.unacknowledged.push(pending.begin.id);
+        }
+        let begin = pending.begin.clone();
+        self.sending = Some(pending);
+        Some(Message::FrameBegin(begin))
+    }
+}

@@ -1,0 +1,206 @@
+use super::*;
+use warplight_protocol::message::{FrameAck, PoseSample};
+use warplight_protocol::wire::write_message;
+use warplight_protocol::{Camera, ImageSize};
+
+fn config() -> SessionConfig {
+    SessionConfig {
+        scene: "test".to_owned(),
+        effects: vec![],
+        head: Pose::IDENTITY,
+        exposure: 1.0,
+        plan: Plan::diffuse(),
+        interfaces: Interfaces::default(),
+        samples: SampleBudget::Samples(1),
+        max_still_spp: 16,
+        strip_rows: 16,
+        limits: Limits::default(),
+    }
+}
+
+fn hello() -> Hello {
+    Hello {
+        capabilities: Capabilities::ALL,
+        software: "test".to_owned(),
+        camera: Camera::symmetric(1.0, ImageSize::new(16, 16)),
+        frame_hz: 10.0,
+        format: FrameFormat::default(),
+    }
+}
+
+fn at(millis: u64) -> Timestamp {
+    Timestamp { micros: millis * 1000 }
+}
+
+fn say(session: &mut ServerSession, now: Timestamp, message: Message) {
+    let mut bytes = Vec::new();
+    write_message(&message, &mut bytes);
+    session.on_bytes(now, &bytes);
+}
+
+fn pose(session: &mut ServerSession, now: Timestamp) {
+    say(session, now, Message::Poses(vec![PoseSample { time: now, pose: Pose::IDENTITY }]));
+}
+
+fn heard(session: &mut ServerSession, now: Timestamp) -> Vec<Message> {
+    let mut bytes = Vec::new();
+    while session.poll_transmit(now, &mut bytes) {}
+    let mut deframer = Deframer::new(Limits::default());
+    deframer.push(&bytes);
+    std::iter::from_fn(|| deframer.next_message().unwrap()).collect()
+}
+
+fn render(session: &mut ServerSession, now: Timestamp) -> Option<FrameId> {
+    let id = session.poll_render(now)?.begin.id;
+    session.on_strip(now, id, vec![7; 5]);
+    session.on_render_end(now, id, now, vec![]);
+    Some(id)
+}
+
+fn open() -> ServerSession {
+    let mut session = ServerSession::new(config(), at(0));
+    say(&mut session, at(0), Message::Hello(hello()));
+    assert!(matches!(heard(&mut session, at(0))[..], [Message::Welcome(_)]));
+    session
+}
+
+#[test]
+fn a_frame_is_rendered_only_for_a_new_pose_and_not_faster_than_asked() {
+    let mut session = open();
+    assert_eq!(render(&mut session, at(1)), None, "no pose yet");
+    pose(&mut session, at(2));
+    assert_eq!(render(&mut session, at(2)), Some(FrameId(1)));
+    pose(&mut session, at(3));
+    assert_eq!(render(&mut session, at(3)), None, "10 Hz");
+    assert_eq!(render(&mut session, at(102)), Some(FrameId(2)));
+    assert_eq!(render(&mut session, at(300)), None, "the same pose again");
+}
+
+#[test]
+fn the_latest_frame_replaces_one_that_was_not_sent() {
+    let mut session = open();
+    for frame in 0..6 {
+        pose(&mut session, at(100 * frame + 1));
+        assert!(render(&mut session, at(100 * frame + 1)).is_some());
+    }
+    let begun: Vec<_> = heard(&mut session, at(501)).into_iter().filter(|message| matches!(message, Message::FrameBegin(_))).collect();
+    assert!(matches!(&begun[..], [Message::FrameBegin(begin)] if begin.id == FrameId(6)), "{begun:?}");
+    assert_eq!(session.statistics.frames_replaced, 5);
+}
+
+#[test]
+fn two_frames_may_be_unacknowledged_and_no_more() {
+    let mut session = open();
+    let mut begun = Vec::new();
+    for frame in 0..4 {
+        pose(&mut session, at(100 * frame));
+        render(&mut session, at(100 * frame));
+        begun.extend(heard(&mut session, at(100 * frame)).into_iter().filter_map(|message| match message {
+            Message::FrameBegin(begin) => Some(begin.id),
+            _ => None,
+        }));
+    }
+    assert_eq!(begun, [FrameId(1), FrameId(2)]);
+    say(&mut session, at(400), Message::FrameAck(FrameAck { id: FrameId(1), pose_to_ready_micros: 50_000 }));
+    assert!(heard(&mut session, at(400)).iter().any(|message| matches!(message, Message::FrameBegin(begin) if begin.id == FrameId(4))));
+}
+
+#[test]
+fn the_measured_latency_is_predicted_ahead_up_to_a_tenth_of_a_second() {
+    let mut session = open();
+    pose(&mut session, at(0));
+    render(&mut session, at(0));
+    heard(&mut session, at(0));
+    say(&mut session, at(90), Message::FrameAck(FrameAck { id: FrameId(1), pose_to_ready_micros: 60_000 }));
+    pose(&mut session, at(100));
+    assert_eq!(session.poll_render(at(100)).unwrap().begin.horizon_micros, 60_000);
+    session.on_render_end(at(101), FrameId(2), at(101), vec![]);
+    session.latency_secs = 9.0;
+    pose(&mut session, at(200));
+    assert_eq!(session.poll_render(at(200)).unwrap().begin.horizon_micros, 100_000);
+}
+
+#[test]
+fn strips_leave_before_the_frame_is_whole() {
+    let mut session = open();
+    pose(&mut session, at(0));
+    let id = session.poll_render(at(0)).unwrap().begin.id;
+    assert!(heard(&mut session, at(0)).is_empty());
+    session.on_strip(at(5), id, vec![1]);
+    assert!(matches!(heard(&mut session, at(5))[..], [Message::FrameBegin(_), Message::Strip(_)]));
+    session.on_strip(at(9), id, vec![2]);
+    session.on_render_end(at(9), id, at(8), vec![("rays.primary".to_owned(), 3)]);
+    let last = heard(&mut session, at(10));
+    let [Message::Strip(_), Message::FrameEnd(end), Message::Statistics(statistics)] = &last[..] else {
+        panic!("{last:?}");
+    };
+    assert_eq!((end.render_start, end.render_end, end.encoded, end.sent), (at(0), at(8), at(9), at(10)));
+    assert_eq!(statistics.frames_sent, 1);
+    assert_eq!(statistics.counters, [("rays.primary".to_owned(), 3)]);
+}
+
+#[test]
+fn a_still_is_rendered_when_no_live_frame_is_due() {
+    let mut session = open();
+    say(&mut session, at(1), Message::StillRequest(StillRequest { number: 3, pose: Pose::IDENTITY, spp: 1_000_000 }));
+    let job = session.poll_render(at(1)).unwrap();
+    assert_eq!(job.begin.purpose, FramePurpose::Still(3));
+    assert_eq!(job.spp, 16, "the server's limit");
+    assert_eq!(job.begin.shape.plan, Plan::diffuse());
+    assert_eq!(job.begin.shape.format.color, ColorFormat::Half);
+}
+
+#[test]
+fn a_still_is_never_replaced() {
+    let mut session = open();
+    say(&mut session, at(1), Message::StillRequest(StillRequest { number: 3, pose: Pose::IDENTITY, spp: 4 }));
+    render(&mut session, at(1)).unwrap();
+    pose(&mut session, at(2));
+    assert_eq!(render(&mut session, at(2)), None, "the still has not left");
+    assert!(matches!(heard(&mut session, at(3))[..], [Message::FrameBegin(_), Message::Strip(_), Message::FrameEnd(_), Message::Statistics(_)]));
+    assert!(render(&mut session, at(3)).is_some());
+}
+
+#[test]
+fn silence_ends_the_session_and_pings_prevent_it() {
+    let mut session = open();
+    assert!(heard(&mut session, at(499)).is_empty());
+    assert!(matches!(heard(&mut session, at(500))[..], [Message::Ping(_)]));
+    session.on_timeout(at(1999));
+    assert_eq!(session.end(), None);
+    say(&mut session, at(1999), Message::Pong(at(500)));
+    session.on_timeout(at(3998));
+    assert_eq!(session.end(), None);
+    session.on_timeout(at(3999));
+    assert_eq!(session.end(), Some(&SessionEnd::Silent));
+}
+
+#[test]
+fn another_version_is_told_both_versions() {
+    let mut session = ServerSession::new(config(), at(0));
+    let mut bytes = Vec::new();
+    write_message(&Message::Hello(hello()), &mut bytes);
+    bytes[9] = 77;
+    session.on_bytes(at(0), &bytes);
+    let answer = heard(&mut session, at(0));
+    let [Message::Error { code: ErrorCode::Version, text }] = &answer[..] else { panic!("{answer:?}") };
+    assert!(text.contains("version 1 ") && text.contains("version 77"), "{text}");
+    assert!(session.end().is_some());
+}
+
+#[test]
+fn what_a_client_must_not_say_ends_the_session() {
+    for (first, message) in [
+        (None, Message::Ping(at(0))),
+        (Some(hello()), Message::Hello(hello())),
+        (Some(hello()), Message::Statistics(Statistics::default())),
+    ] {
+        let mut session = ServerSession::new(config(), at(0));
+        if let Some(hello) = first {
+            say(&mut session, at(0), Message::Hello(hello));
+        }
+        say(&mut session, at(0), message);
+        assert!(matches!(session.end(), Some(SessionEnd::Decode(_))));
+        assert!(matches!(heard(&mut session, at(0)).last(), Some(Message::Error { .. })));
+    }
+}
