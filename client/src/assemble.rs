@@ -8,7 +8,7 @@ use std::sync::Arc;
 use std::time::Duration;
 use warplight_protocol::codec::{DecodeError, FrameShape, PlaneKind, StripDecoder};
 use warplight_protocol::frame::{FrameId, Tree};
-use warplight_protocol::message::{FrameBegin, FrameEnd, FramePurpose, StripMessage};
+use warplight_protocol::message::{FrameBegin, FrameEnd, StripMessage};
 use warplight_protocol::{Camera, ImageSize, Pose, Timestamp};
 
 /// Bytes by node and kind of plane.
@@ -31,6 +31,8 @@ pub struct ReadyFrame {
     pub decode_time: Duration,
     /// Bytes of its strips.
     pub bytes: u64,
+    /// Bytes of its planes.
+    pub bytes_per_plane: BytesPerPlane,
 }
 
 /// Puts frames together.
@@ -39,7 +41,6 @@ pub struct Assembler {
     decoder: StripDecoder,
     current: Option<Partial>,
     retired: Vec<Arc<ReadyFrame>>,
-    bytes_per_plane: BytesPerPlane,
 }
 
 #[derive(Debug)]
@@ -50,6 +51,7 @@ struct Partial {
     strip_seen: Vec<bool>,
     decode_time: Duration,
     bytes: u64,
+    bytes_per_plane: BytesPerPlane,
 }
 
 impl Assembler {
@@ -69,6 +71,7 @@ impl Assembler {
             strip_seen: vec![false; strips],
             decode_time: Duration::ZERO,
             bytes: 0,
+            bytes_per_plane: BytesPerPlane::new(),
             begin,
         });
     }
@@ -90,22 +93,28 @@ impl Assembler {
         partial.strips_missing -= 1;
         partial.bytes += strip.bytes.len() as u64;
         partial.decode_time += elapsed();
-        if partial.begin.purpose == FramePurpose::Live {
-            for plane in planes {
-                *self.bytes_per_plane.entry((plane.node, plane.kind)).or_default() += plane.bytes as u64;
-            }
+        for plane in planes {
+            *partial.bytes_per_plane.entry((plane.node, plane.kind)).or_default() += plane.bytes as u64;
         }
         Ok(())
     }
 
     /// Ends a frame, whose strips must all be there.
-    pub fn end(&mut self, end: FrameEnd, received: Timestamp, decoded: Timestamp) -> Result<Arc<ReadyFrame>, DecodeError> {
+    pub fn end(
+        &mut self,
+        end: FrameEnd,
+        received: Timestamp,
+        decoded: Timestamp,
+    ) -> Result<Arc<ReadyFrame>, DecodeError> {
         let whole = |partial: &Partial| partial.begin.id == end.id && partial.strips_missing == 0;
         let Some(partial) = self.current.take().filter(whole) else {
-            return Err(DecodeError::Malformed { field: "end of frame", expected: "all strips of the frame before it" });
+            return Err(DecodeError::Malformed {
+                field: "end of frame",
+                expected: "all strips of the frame before it",
+            });
         };
-        let Partial { begin, tree, decode_time, bytes, .. } = partial;
-        Ok(Arc::new(ReadyFrame { begin, end, tree, received, decoded, decode_time, bytes }))
+        let Partial { begin, tree, decode_time, bytes, bytes_per_plane, .. } = partial;
+        Ok(Arc::new(ReadyFrame { begin, end, tree, received, decoded, decode_time, bytes, bytes_per_plane }))
     }
 
     /// Takes back a frame that will not be shown again; its memory is used once nobody else holds it.
@@ -122,9 +131,108 @@ impl Assembler {
     pub fn current(&self) -> Option<FrameId> {
         self.current.as_ref().map(|partial| partial.begin.id)
     }
+}
 
-    /// Bytes of live frames by plane, so far.
-    pub fn bytes_per_plane(&self) -> &BytesPerPlane {
-        &self.bytes_per_plane
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use warplight_protocol::codec::StripEncoder;
+    use warplight_protocol::frame::{FrameFormat, Interfaces, Plan};
+    use warplight_protocol::message::FramePurpose;
+
+    fn shape() -> FrameShape {
+        FrameShape {
+            camera: Camera::symmetric(1.0, ImageSize::new(8, 20)),
+            plan: Plan::mirror(),
+            interfaces: Interfaces::default(),
+            format: FrameFormat::default(),
+            strip_rows: 8,
+            exposure: 1.0,
+        }
+    }
+
+    fn begin(id: u32) -> FrameBegin {
+        let pose_time = Timestamp::ZERO;
+        FrameBegin {
+            id: FrameId(id),
+            purpose: FramePurpose::Live,
+            pose_time,
+            horizon_micros: 0,
+            render_pose: Pose::IDENTITY,
+            shape: shape(),
+        }
+    }
+
+    fn end(id: u32) -> FrameEnd {
+        let zero = Timestamp::ZERO;
+        FrameEnd {
+            id: FrameId(id),
+            pose_received: zero,
+            render_start: zero,
+            render_end: zero,
+            encoded: zero,
+            sent: zero,
+            spp: 1,
+        }
+    }
+
+    fn strips(id: u32) -> Vec<StripMessage> {
+        let mut tree = Tree::new(Pose::IDENTITY, shape().camera, shape().plan, Interfaces::default());
+        tree.nodes[0].distance.iter_mut().enumerate().for_each(|(pixel, distance)| *distance = 1.0 + pixel as f32);
+        let mut encoder = StripEncoder::new(1);
+        let strip = |band: &warplight_protocol::frame::TreeRows<'_>| {
+            let mut bytes = Vec::new();
+            encoder.encode(&shape(), band, &mut bytes);
+            StripMessage { frame: FrameId(id), bytes }
+        };
+        tree.bands_mut(8).iter().map(strip).collect()
+    }
+
+    fn feed(assembler: &mut Assembler, strip: &StripMessage) -> Result<(), DecodeError> {
+        assembler.strip(strip, || Duration::from_millis(1))
+    }
+
+    #[test]
+    fn strips_in_any_order_make_a_frame() {
+        let mut assembler = Assembler::default();
+        assembler.begin(begin(1));
+        for strip in strips(1).iter().rev() {
+            feed(&mut assembler, strip).unwrap();
+        }
+        let frame = assembler.end(end(1), Timestamp { micros: 5 }, Timestamp { micros: 9 }).unwrap();
+        assert_eq!(frame.decode_time, Duration::from_millis(3));
+        assert_eq!(frame.bytes, strips(1).iter().map(|strip| strip.bytes.len() as u64).sum::<u64>());
+        assert!(frame.tree.nodes[0].distance.windows(2).all(|pair| pair[0] < pair[1]));
+    }
+
+    #[test]
+    fn a_frame_that_lacks_a_strip_or_has_one_twice_is_refused() {
+        let mut assembler = Assembler::default();
+        assembler.begin(begin(1));
+        feed(&mut assembler, &strips(1)[0]).unwrap();
+        assert!(feed(&mut assembler, &strips(1)[0]).is_err(), "twice");
+        assert!(feed(&mut assembler, &strips(2)[1]).is_err(), "of another frame");
+        assert!(assembler.end(end(1), Timestamp::ZERO, Timestamp::ZERO).is_err(), "not whole");
+        assert!(feed(&mut assembler, &strips(1)[1]).is_err(), "of no frame");
+    }
+
+    #[test]
+    fn memory_of_retired_frames_is_used_again_but_not_while_somebody_holds_them() {
+        let mut assembler = Assembler::default();
+        let mut make = |id: u32, retire: Option<Arc<ReadyFrame>>| {
+            retire.into_iter().for_each(|frame| assembler.retire(frame));
+            assembler.begin(begin(id));
+            strips(id).iter().for_each(|strip| feed(&mut assembler, strip).unwrap());
+            assembler.end(end(id), Timestamp::ZERO, Timestamp::ZERO).unwrap()
+        };
+        let memory = |frame: &ReadyFrame| frame.tree.nodes[0].distance.as_ptr();
+        let first = make(1, None);
+        let first_memory = memory(&first);
+        let held = first.clone();
+        let second = make(2, Some(first));
+        assert_ne!(memory(&second), first_memory, "the first is still held");
+        drop(held);
+        let third = make(3, Some(second));
+        assert_eq!(memory(&third), first_memory);
     }
 }

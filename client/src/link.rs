@@ -42,7 +42,7 @@ impl Link {
     pub fn new(model: LinkModel, seed: u64) -> Link {
         Link {
             model,
-            random: Pcg32::new(seed, 0xa02b_dbf7_bb3c_0a7),
+            random: Pcg32::new(seed, 0x0a02_bdbf_7bb3_c0a7),
             wire_free: Timestamp::ZERO,
             last_arrival: Timestamp::ZERO,
             in_flight: VecDeque::new(),
@@ -109,7 +109,8 @@ mod tests {
 
     #[test]
     fn bytes_take_their_time_on_the_wire_and_then_the_delay() {
-        let model = LinkModel { latency: Duration::from_millis(20), rate_bits_per_sec: Some(8e6), ..LinkModel::default() };
+        let model =
+            LinkModel { latency: Duration::from_millis(20), rate_bits_per_sec: Some(8e6), ..LinkModel::default() };
         let mut link = Link::new(model, 1);
         link.send(at(0), vec![0; 10_000]);
         assert!(!link.has_room(at(0)));
@@ -122,7 +123,8 @@ mod tests {
 
     #[test]
     fn jitter_never_reorders() {
-        let model = LinkModel { latency: Duration::from_millis(20), jitter: Duration::from_millis(20), ..LinkModel::default() };
+        let model =
+            LinkModel { latency: Duration::from_millis(20), jitter: Duration::from_millis(20), ..LinkModel::default() };
         let mut link = Link::new(model, 3);
         for number in 0..200_u8 {
             link.send(at(u64::from(number)), vec![number]);

@@ -3,5 +3,5 @@
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
-    warplight_client::cli::run()
+    warplight_client::cli::main()
 }

@@ -1,10 +1,10 @@
-//! The session over TCP and real time, on a thread of its own: besides the display loop the only file of the
-//! client with a clock, and the only one with sockets.
+//! The session over TCP and real time, on a thread of its own: the only file of the client with sockets, and
+//! beside the display loop and the benchmarks the only one with a clock.
 //!
 //! Connecting and reconnecting are one path: try, back off, try again. Poses that arrive here while there is no
 //! session are dropped; frames go out decoded, and of those not yet taken the display keeps the last.
 
-use crate::assemble::{Assembler, BytesPerPlane, ReadyFrame};
+use crate::assemble::{Assembler, ReadyFrame};
 use crate::session::{ClientSession, Event, SessionEnd};
 use std::io;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
@@ -15,7 +15,7 @@ use tokio::net::TcpStream;
 use tokio::sync::mpsc;
 use warplight_protocol::Timestamp;
 use warplight_protocol::codec::{DecodeError, Limits};
-use warplight_protocol::message::{Hello, PoseSample, Statistics, StillRequest, Welcome};
+use warplight_protocol::message::{FramePurpose, Hello, PoseSample, Statistics, StillRequest, Welcome};
 
 /// First wait before another try, doubled with every failure.
 const FIRST_BACKOFF: Duration = Duration::from_millis(50);
@@ -50,8 +50,8 @@ pub enum News {
     Statistics(Statistics),
     /// The session is lost and will be opened again.
     Lost(String),
-    /// It is over; bytes of the planes of all live frames.
-    Over(BytesPerPlane),
+    /// It is over.
+    Over,
     /// It cannot be opened.
     Failed(SessionEnd),
 }
@@ -92,8 +92,18 @@ impl Connection {
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
         let traffic = Arc::new(Traffic::default());
         let assembler = Assembler::default();
-        let network = Network { address, hello, epoch, news: news_sender, assembler, traffic: traffic.clone(), last_read: Timestamp::ZERO };
-        std::thread::Builder::new().name("network".to_owned()).spawn(move || runtime.block_on(network.run(command_receiver)))?;
+        let network = Network {
+            address,
+            hello,
+            epoch,
+            news: news_sender,
+            assembler,
+            traffic: traffic.clone(),
+            last_read: Timestamp::ZERO,
+        };
+        std::thread::Builder::new()
+            .name("network".to_owned())
+            .spawn(move || runtime.block_on(network.run(command_receiver)))?;
         Ok(Connection { commands, news, traffic, epoch })
     }
 
@@ -183,14 +193,19 @@ impl Network {
             }
             backoff = (backoff * 2).min(LONGEST_BACKOFF);
         }
-        let _ = self.news.send(News::Over(self.assembler.bytes_per_plane().clone()));
+        let _ = self.news.send(News::Over);
     }
 
     fn now(&self) -> Timestamp {
         timestamp(self.epoch, Instant::now())
     }
 
-    async fn converse(&mut self, mut socket: TcpStream, commands: &mut mpsc::UnboundedReceiver<Command>, was_open: &mut bool) -> Ending {
+    async fn converse(
+        &mut self,
+        mut socket: TcpStream,
+        commands: &mut mpsc::UnboundedReceiver<Command>,
+        was_open: &mut bool,
+    ) -> Ending {
         if let Err(error) = socket.set_nodelay(true) {
             return Ending::Link(error);
         }
@@ -260,7 +275,10 @@ impl Network {
             Event::FrameEnd(end) => {
                 let now = self.now();
                 let frame = self.assembler.end(end, self.last_read, now)?;
-                session.acknowledge(frame.begin.id, now.since(frame.begin.pose_time));
+                // A still answers no pose, so there is no delay to tell.
+                if frame.begin.purpose == FramePurpose::Live {
+                    session.acknowledge(frame.begin.id, now.since(frame.begin.pose_time));
+                }
                 News::Frame(frame)
             }
             Event::Statistics(statistics) => News::Statistics(statistics),

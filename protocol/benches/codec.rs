@@ -10,31 +10,89 @@ mod room;
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use rayon::prelude::*;
 use std::hint::black_box;
+use std::sync::{Mutex, MutexGuard};
 use std::time::Duration;
 use warplight_protocol::codec::samples::{self, Packing, Predictor};
-use warplight_protocol::codec::{FrameShape, PlaneKind, StripDecoder, StripEncoder};
+use warplight_protocol::codec::{FrameShape, PlaneBytes, StripDecoder, StripEncoder};
 use warplight_protocol::frame::{ColorFormat, FrameFormat, Tree};
 
 const STRIP_ROWS: u16 = 64;
 /// Standard deviation over the mean of a pixel's radiance: none, 64 and 4 samples per pixel of a diffuse room.
 const NOISE: [f32; 3] = [0.0, 0.05, 0.2];
 
-fn encode(shape: &FrameShape, tree: &mut Tree) -> Vec<(Vec<u8>, Vec<(String, usize)>)> {
-    let bands = tree.bands_mut(u32::from(shape.strip_rows));
-    let one = |encoder: &mut StripEncoder, rows| {
-        let mut strip = Vec::new();
-        let planes = encoder.encode(shape, rows, &mut strip);
-        let name = |node: u8, kind: PlaneKind| format!("{}.{}", shape.plan.name(node.into()), kind.name());
-        (strip, planes.into_iter().map(|plane| (name(plane.node, plane.kind), plane.bytes)).collect())
-    };
-    bands.par_iter().map_init(StripEncoder::default, one).collect()
+/// What a session keeps from frame to frame: one encoder and decoder per thread, and the bytes of each strip.
+struct Session {
+    encoders: Vec<Mutex<StripEncoder>>,
+    decoders: Vec<Mutex<StripDecoder>>,
+    strips: Vec<(Vec<u8>, Vec<PlaneBytes>)>,
 }
 
-fn decode(shape: &FrameShape, strips: &[(Vec<u8>, Vec<(String, usize)>)], tree: &mut Tree) {
-    let mut bands = tree.bands_mut(u32::from(shape.strip_rows));
-    bands.par_iter_mut().zip(strips).for_each_init(StripDecoder::default, |decoder, (rows, (strip, _))| {
-        decoder.decode(shape, strip, rows).expect("own bytes");
+impl Session {
+    fn new(shape: &FrameShape) -> Session {
+        let threads = rayon::current_num_threads();
+        Session {
+            encoders: (0..threads).map(|_| Mutex::default()).collect(),
+            decoders: (0..threads).map(|_| Mutex::default()).collect(),
+            strips: vec![Default::default(); shape.strips()],
+        }
+    }
+
+    fn encode(&mut self, shape: &FrameShape, tree: &mut Tree) {
+        let bands = tree.bands_mut(u32::from(shape.strip_rows));
+        bands.par_iter().zip(&mut self.strips).for_each(|(rows, (bytes, planes))| {
+            bytes.clear();
+            *planes = of_this_thread(&self.encoders).encode(shape, rows, bytes);
+        });
+    }
+
+    fn decode(&self, shape: &FrameShape, tree: &mut Tree) {
+        let mut bands = tree.bands_mut(u32::from(shape.strip_rows));
+        bands.par_iter_mut().zip(&self.strips).for_each(|(rows, (bytes, _))| {
+            of_this_thread(&self.decoders).decode(shape, bytes, rows).expect("own bytes");
+        });
+    }
+
+    fn bytes(&self) -> usize {
+        self.strips.iter().map(|strip| strip.0.len()).sum()
+    }
+}
+
+fn of_this_thread<T>(pool: &[Mutex<T>]) -> MutexGuard<'_, T> {
+    pool[rayon::current_thread_index().unwrap_or(0)].lock().expect("no thread has panicked")
+}
+
+/// CPU time of this thread so far, by the Linux scheduler: wall time lies on a machine that others share.
+fn thread_cpu() -> Option<Duration> {
+    let statistics = std::fs::read_to_string("/proc/thread-self/schedstat").ok()?;
+    statistics.split(' ').next()?.parse().ok().map(Duration::from_nanos)
+}
+
+/// Mean CPU time of 20 runs; of fewer it would be coarse, for some kernels count in ticks of 4 ms.
+fn cpu_ms(mut run: impl FnMut()) -> f64 {
+    const RUNS: u32 = 20;
+    let start = thread_cpu();
+    (0..RUNS).for_each(|_| run());
+    let spent = thread_cpu().zip(start).map(|(end, start)| end.saturating_sub(start));
+    spent.map_or(f64::NAN, |spent| spent.as_secs_f64() * 1e3 / f64::from(RUNS))
+}
+
+/// One core's work for a frame.
+fn print_cpu(shape: &FrameShape, tree: &mut Tree) {
+    let (mut encoder, mut decoder) = (StripEncoder::default(), StripDecoder::default());
+    let mut strips = vec![Vec::new(); shape.strips()];
+    let encode_ms = cpu_ms(|| {
+        for (rows, strip) in tree.bands_mut(u32::from(shape.strip_rows)).iter().zip(&mut strips) {
+            strip.clear();
+            encoder.encode(shape, rows, strip);
+        }
     });
+    let mut decoded = tree.clone();
+    let decode_ms = cpu_ms(|| {
+        for (rows, strip) in decoded.bands_mut(u32::from(shape.strip_rows)).iter_mut().zip(&strips) {
+            decoder.decode(shape, strip, rows).expect("own bytes");
+        }
+    });
+    println!("  CPU time of one core: encode {encode_ms:.1} ms, decode {decode_ms:.1} ms");
 }
 
 /// Whole frames on all cores: the rate a session can hold.
@@ -47,22 +105,28 @@ fn frames(c: &mut Criterion) {
     for (name, format) in formats {
         for noise in NOISE {
             let (shape, mut tree) = room::frame(1024, noise, format, STRIP_ROWS);
-            let strips = encode(&shape, &mut tree);
+            let mut session = Session::new(&shape);
+            session.encode(&shape, &mut tree);
             let pixels = tree.camera.size.pixels();
             let bits = |bytes: usize| 8.0 * bytes as f64 / pixels as f64;
-            println!("\n{name}, noise {noise}: {:.2} bits/pixel", bits(strips.iter().map(|strip| strip.0.len()).sum()));
-            for (plane, (plane_name, _)) in strips[0].1.iter().enumerate() {
-                let bytes = strips.iter().map(|strip| strip.1[plane].1).sum();
-                println!("  {plane_name:<18} {:.3} bits/pixel", bits(bytes));
+            println!("\n{name}, noise {noise}: {:.2} bits/pixel", bits(session.bytes()));
+            for (plane, (node, kind, _)) in shape.planes().into_iter().enumerate() {
+                let bytes = session.strips.iter().map(|strip| strip.1[plane].bytes).sum();
+                println!(
+                    "  {:<18} {:.3} bits/pixel",
+                    format!("{}.{}", shape.plan.name(node.into()), kind.name()),
+                    bits(bytes)
+                );
             }
+            print_cpu(&shape, &mut tree);
             let raw_bits: usize = shape.planes().iter().map(|plane| plane.2).sum();
             group.throughput(Throughput::Bytes((pixels * raw_bits / 8) as u64));
             group.bench_function(BenchmarkId::new(format!("encode {name}"), noise), |b| {
-                b.iter(|| black_box(encode(&shape, &mut tree)));
+                b.iter(|| session.encode(&shape, &mut tree));
             });
             let mut decoded = tree.clone();
             group.bench_function(BenchmarkId::new(format!("decode {name}"), noise), |b| {
-                b.iter(|| decode(&shape, &strips, &mut decoded));
+                b.iter(|| session.decode(&shape, &mut decoded));
             });
         }
     }
@@ -83,7 +147,13 @@ fn codings(c: &mut Criterion) {
                     let strips = code_all(&channels, bits, &defined, predictor, packing);
                     let bytes: usize = strips.iter().map(Vec::len).sum();
                     let case = format!("{name} {predictor:?} {packing:?}");
-                    println!("{case}, noise {noise}: {:.3} bits/pixel", 8.0 * bytes as f64 / defined.len() as f64);
+                    let bits_per_pixel = 8.0 * bytes as f64 / defined.len() as f64;
+                    let encode_ms = cpu_ms(|| drop(code_all(&channels, bits, &defined, predictor, packing)));
+                    let decode_ms =
+                        cpu_ms(|| decode_all(&strips, channels.len(), bits, defined.len(), predictor, packing));
+                    println!(
+                        "{case}, noise {noise}: {bits_per_pixel:.3} bits/pixel, CPU encode {encode_ms:.2} ms, decode {decode_ms:.2} ms"
+                    );
                     group.throughput(Throughput::Bytes((channels.len() * bits * defined.len() / 8) as u64));
                     group.bench_function(BenchmarkId::new(format!("encode {case}"), noise), |b| {
                         b.iter(|| black_box(code_all(&channels, bits, &defined, predictor, packing)));
@@ -124,14 +194,7 @@ fn code_all(
     strips.collect()
 }
 
-fn decode_all(
-    strips: &[Vec<u8>],
-    channels: usize,
-    bits: usize,
-    pixels: usize,
-    predictor: Predictor,
-    packing: Packing,
-) {
+fn decode_all(strips: &[Vec<u8>], channels: usize, bits: usize, pixels: usize, predictor: Predictor, packing: Packing) {
     let mut decompressor = zstd::bulk::Decompressor::new().expect("memory");
     let mut codes: [Vec<u32>; 3] = Default::default();
     for (index, strip) in strips.iter().enumerate() {

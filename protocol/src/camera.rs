@@ -161,10 +161,7 @@ mod tests {
     use super::*;
 
     fn asymmetric() -> Camera {
-        Camera {
-            size: ImageSize::new(640, 480),
-            fov: FieldOfView { left: -1.2, right: 0.7, down: -0.9, up: 0.8 },
-        }
+        Camera { size: ImageSize::new(640, 480), fov: FieldOfView { left: -1.2, right: 0.7, down: -0.9, up: 0.8 } }
     }
 
     #[test]

@@ -55,7 +55,9 @@ impl Interface {
         let index = |eta: f32| (1e-3..=1e3).contains(&eta);
         match *self {
             Interface::Mirror => true,
-            Interface::Conductor { eta, k } => eta.into_iter().all(index) && k.into_iter().all(|k| (0.0..=1e3).contains(&k)),
+            Interface::Conductor { eta, k } => {
+                eta.into_iter().all(index) && k.into_iter().all(|k| (0.0..=1e3).contains(&k))
+            }
             Interface::Dielectric { eta } => index(eta),
         }
     }
@@ -148,7 +150,13 @@ mod tests {
     fn the_critical_angle_is_continuous() {
         let eta = 1.0 / 1.5_f32;
         let critical = (1.0 - eta * eta).sqrt();
-        let around = [critical.next_down().next_down(), critical.next_down(), critical, critical.next_up(), critical.next_up().next_up()];
+        let around = [
+            critical.next_down().next_down(),
+            critical.next_down(),
+            critical,
+            critical.next_up(),
+            critical.next_up().next_up(),
+        ];
         for cos_i in around {
             let reflectance = fresnel_dielectric(cos_i, eta);
             assert!((0.99..=1.0).contains(&reflectance), "{cos_i}: {reflectance}");
@@ -171,13 +179,16 @@ mod tests {
     #[test]
     fn refraction_twice_gives_the_offset_of_a_slab() {
         let (thickness, index) = (10.0_f64, 1.5_f64);
-        for (degrees, expected) in [(0.0, 3.333_333), (30.0, 3.876_276), (45.0, 4.654_775), (60.0, 5.917_517), (89.0, 9.843_919)] {
+        for (degrees, expected) in
+            [(0.0, 3.333_333), (30.0, 3.876_276), (45.0, 4.654_775), (60.0, 5.917_517), (89.0, 9.843_919)]
+        {
             let angle = f64::to_radians(degrees);
             let incident = Vec3::new(angle.sin() as f32, 0.0, -angle.cos() as f32);
             let inside = refract(incident, Vec3::Z, index as f32).unwrap();
             let lateral = thickness * f64::from(inside.x / -inside.z);
             // The refracted ray seems to come from a point raised by the offset.
-            let offset = if degrees == 0.0 { thickness * (1.0 - 1.0 / index) } else { thickness - lateral / angle.tan() };
+            let offset =
+                if degrees == 0.0 { thickness * (1.0 - 1.0 / index) } else { thickness - lateral / angle.tan() };
             assert!((offset - expected).abs() < 2e-4 * expected, "{degrees} deg: {offset}");
             let outside = refract(inside, Vec3::Z, 1.0 / index as f32).unwrap();
             assert!((outside - incident).length() < 1e-4);

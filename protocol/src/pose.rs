@@ -93,7 +93,8 @@ impl Pose {
 
     /// Finite, near enough to travel, and with an orientation of unit length (to 1e-3).
     pub fn is_valid(&self) -> bool {
-        self.position.abs().max_element() <= Self::MAX_COORDINATE_M
+        // Coordinate by coordinate: the largest of them would hide one that is no number.
+        self.position.to_array().iter().all(|coordinate| coordinate.abs() <= Self::MAX_COORDINATE_M)
             && (self.orientation.length() - 1.0).abs() < 1e-3
     }
 
@@ -215,8 +216,7 @@ mod tests {
         )
             .prop_filter_map("no direction", |(p, q)| {
                 let q = DQuat::from_array(q);
-                (q.length() > 1e-3)
-                    .then(|| Pose { position: DVec3::from_array(p), orientation: q.normalize() })
+                (q.length() > 1e-3).then(|| Pose { position: DVec3::from_array(p), orientation: q.normalize() })
             })
     }
 
@@ -268,7 +268,8 @@ mod tests {
     /// numerics: pose algebra, a million small increments.
     #[test]
     fn a_million_increments_stay_orthonormal() {
-        let step = Pose { position: DVec3::ZERO, orientation: DQuat::from_euler(glam::EulerRot::YXZ, 1e-4, 2e-4, -1e-4) };
+        let step =
+            Pose { position: DVec3::ZERO, orientation: DQuat::from_euler(glam::EulerRot::YXZ, 1e-4, 2e-4, -1e-4) };
         let mut pose = Pose::IDENTITY;
         for _ in 0..1_000_000 {
             pose.orientation *= step.orientation;
@@ -293,6 +294,22 @@ mod tests {
                 assert!(between.is_valid());
                 assert!((between.angle_to(&a) - t * angle).abs() < 1e-6);
             }
+        }
+    }
+
+    #[test]
+    fn one_coordinate_that_is_no_number_is_no_pose() {
+        for axis in 0..3 {
+            for bad in [f64::NAN, f64::INFINITY, -40_000.0] {
+                let mut pose = Pose::IDENTITY;
+                pose.position[axis] = bad;
+                assert!(!pose.is_valid() && pose.to_wire().is_none());
+            }
+        }
+        for component in 0..4 {
+            let mut q = [0.0, 0.0, 0.0, 1.0];
+            q[component] = f64::NAN;
+            assert!(!Pose { orientation: DQuat::from_array(q), ..Pose::IDENTITY }.is_valid());
         }
     }
 

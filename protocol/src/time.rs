@@ -1,7 +1,8 @@
 //! Instants as both ends exchange them.
 //!
-//! A [`Timestamp`] counts microseconds of its owner's own clock since an epoch of its choice. The two
-//! clocks are never compared: a delay is measured by the end that sees its echo come back.
+//! A [`Timestamp`] counts microseconds of its owner's own clock since an epoch of its choice. No decision rests
+//! on comparing the two clocks: a delay is measured by the end that sees its echo come back. A report may estimate
+//! their offset, and then says how well it is known.
 
 use serde::{Deserialize, Serialize};
 use std::ops::{Add, AddAssign, Sub};

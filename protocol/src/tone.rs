@@ -43,7 +43,11 @@ impl Default for ToneTable {
             let (mut below, mut at) = (0_u32, 1.0_f32.to_bits());
             while at - below > 1 {
                 let middle = below + (at - below) / 2;
-                if usize::from(srgb8_from_linear(f32::from_bits(middle))) >= code { at = middle } else { below = middle }
+                if usize::from(srgb8_from_linear(f32::from_bits(middle))) >= code {
+                    at = middle
+                } else {
+                    below = middle
+                }
             }
             *first = f32::from_bits(at);
         }

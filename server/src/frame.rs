@@ -10,6 +10,10 @@
 //! what lies on its way and does not depend on the view: filters, absorption, the 1/eta^2 of refraction,
 //! over the whole chain from the root; never by Fresnel, which the client applies for the pose it shows.
 
+mod cached;
+
+pub use cached::LiveFrames;
+
 use crate::accel::Ray;
 use crate::counters::{Counters, RayCounts};
 use crate::integrator::sampler::Sampler;
@@ -60,6 +64,8 @@ struct Link {
     boundary: Option<Boundary>,
     /// What lies on the way from the root and does not depend on the view.
     factor: Vec3,
+    /// Length of the way from the eye.
+    path_m: f32,
 }
 
 /// The ray that a node of a pixel follows.
@@ -68,6 +74,31 @@ struct Segment {
     medium: Medium,
     factor: Vec3,
     segments: u32,
+    /// Length of the way to its start.
+    path_m: f32,
+}
+
+/// What the nodes of a pixel show, filled from the root on: a parent is there before its children.
+type Chain = [Option<Link>; MAX_NODES];
+
+/// A pixel of the image, and the same within its band.
+#[derive(Clone, Copy)]
+struct PixelOfBand {
+    pixel: usize,
+    offset: usize,
+}
+
+/// Pixels of a band in square tiles, so that rays and cells that are used one after the other are near.
+fn tiled(width: u32, rows: u32) -> impl Iterator<Item = usize> {
+    const TILE: u32 = 8;
+    let tiles =
+        move |extent: u32| (0..extent).step_by(TILE as usize).map(move |start| start..(start + TILE).min(extent));
+    tiles(rows).flat_map(move |tile_rows| {
+        tiles(width).flat_map(move |columns| {
+            let tile_rows = tile_rows.clone();
+            tile_rows.flat_map(move |row| columns.clone().map(move |column| (row * width + column) as usize))
+        })
+    })
 }
 
 impl FrameRenderer {
@@ -105,33 +136,39 @@ impl FrameRenderer {
         let eye = Eye::new(&request.render_pose, request.camera);
         tree.bands_mut(BAND_ROWS).into_par_iter().for_each(|mut band| {
             let mut counts = RayCounts::default();
-            let width = request.camera.size.width as usize;
-            let first = band.rows.start as usize * width;
-            for offset in 0..band.rows.len() * width {
-                self.render_pixel(request, &eye, first + offset, &mut band.nodes, offset, &mut counts);
+            let first = (band.rows.start * request.camera.size.width) as usize;
+            let mut chain: Chain = [None; MAX_NODES];
+            for offset in tiled(request.camera.size.width, band.rows.len() as u32) {
+                let at = PixelOfBand { pixel: first + offset, offset };
+                self.trace_pixel(request, &eye, at, &mut band.nodes, &mut chain, &mut counts, |link, node, counts| {
+                    link.factor * self.surface_radiance(request, link, node, at.pixel, counts)
+                });
             }
             counters.add(&counts);
             on_band(&band);
         });
     }
 
-    fn render_pixel(
+    /// Follows the specular chain of a pixel and writes all its planes. `radiance_of` gives the radiance of a
+    /// surface that a node shows.
+    #[allow(clippy::too_many_arguments)]
+    fn trace_pixel(
         &self,
         request: &FrameRequest,
         eye: &Eye,
-        pixel: usize,
+        PixelOfBand { pixel, offset }: PixelOfBand,
         rows: &mut [NodeRows<'_>],
-        offset: usize,
+        chain: &mut Chain,
         counts: &mut RayCounts,
+        mut radiance_of: impl FnMut(&Link, usize, &mut RayCounts) -> Vec3,
     ) {
-        let mut chain: [Option<Link>; MAX_NODES] = [None; MAX_NODES];
         for (node, rows) in rows.iter_mut().enumerate() {
             let step = &request.plan.nodes()[node];
             let segment = match step.arrival {
                 Arrival::Direct => {
                     counts.primary += 1;
                     let ray = eye.ray_through_centre(pixel);
-                    Some(Segment { ray, medium: Medium::AIR, factor: Vec3::ONE, segments: 1 })
+                    Some(Segment { ray, medium: Medium::AIR, factor: Vec3::ONE, segments: 1, path_m: 0.0 })
                 }
                 arrival => chain[usize::from(step.parent)].as_ref().and_then(|parent| parent.follow(arrival, counts)),
             };
@@ -149,8 +186,9 @@ impl FrameRenderer {
                             vertex: Vertex { point, direction, medium: segment.medium, segments: segment.segments },
                             boundary: Boundary::at(self.scene(), &point, direction),
                             factor: segment.factor * segment.medium.transmittance(distance),
+                            path_m: segment.path_m + distance,
                         };
-                        let radiance = link.factor * self.surface_radiance(request, &link, node, pixel, counts);
+                        let radiance = radiance_of(&link, node, counts);
                         // A distance that rounds to zero would read as undefined.
                         (distance.max(f32::MIN_POSITIVE), radiance, Some(link))
                     }
@@ -182,9 +220,7 @@ impl FrameRenderer {
         pixel: usize,
         counts: &mut RayCounts,
     ) -> Vec3 {
-        // A boundary that no pixel value stands for has no children: all is baked.
-        let shown = |arrival| self.interface_at(link).is_some() && request.plan.child(node, arrival).is_some();
-        let evaluated = SpecularEvents { reflect: !shown(Arrival::Reflected), refract: !shown(Arrival::Refracted) };
+        let evaluated = self.baked_events(request, link, node);
         // Without anything random left one sample says it all.
         let certain = link
             .boundary
@@ -203,6 +239,13 @@ impl FrameRenderer {
             }
         }
         (sum / f64::from(kept.max(1))).as_vec3()
+    }
+
+    /// The specular events of a surface that have no node of their own.
+    fn baked_events(&self, request: &FrameRequest, link: &Link, node: usize) -> SpecularEvents {
+        // A boundary that no pixel value stands for has no children: all is baked.
+        let shown = |arrival| self.interface_at(link).is_some() && request.plan.child(node, arrival).is_some();
+        SpecularEvents { reflect: !shown(Arrival::Reflected), refract: !shown(Arrival::Refracted) }
     }
 
     /// Pixel value and normal in world of a node's boundary.
@@ -229,13 +272,15 @@ impl Link {
                     medium: self.vertex.medium,
                     factor: self.factor * boundary.reflected_factor,
                     segments,
+                    path_m: self.path_m,
                 })
             }
             Arrival::Refracted => {
                 let refracted = boundary.refracted?;
                 counts.refract += 1;
                 let ray = self.vertex.point.leave(refracted.direction);
-                Some(Segment { ray, medium: refracted.medium, factor: self.factor * refracted.factor, segments })
+                let factor = self.factor * refracted.factor;
+                Some(Segment { ray, medium: refracted.medium, factor, segments, path_m: self.path_m })
             }
         }
     }

@@ -1,9 +1,10 @@
 //! The Warplight server: scene -> effects -> integrator -> frame -> encode, and the commands around it.
 //!
-//! Each stage uses only what stands before it: [`scene`], [`effects`] (what the scene calls for), [`accel`]
-//! and [`integrator`] (light transport), [`film`] (whole pictures) and [`frame`] (ray trees).
+//! Each stage uses only what stands before it: [`scene`], [`effects`] (what the scene calls for), [`accel`],
+//! [`cache`] and [`integrator`] (light transport), [`film`] (whole pictures) and [`frame`] (ray trees).
 
 pub mod accel;
+pub mod cache;
 pub mod cli;
 pub mod counters;
 pub mod effects;

@@ -7,19 +7,42 @@ use crate::session::{SampleBudget, SessionConfig};
 use crate::stream::STRIP_ROWS;
 use rayon::{ThreadPool, ThreadPoolBuildError, ThreadPoolBuilder};
 use std::sync::Arc;
+use thread_priority::{ThreadPriority, set_current_thread_priority};
 use warplight_protocol::codec::Limits;
+
+/// How live frames find the light on diffuse surfaces. Stills are always path-traced.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
+pub enum Estimator {
+    /// From a cache in world space that path samples keep filling: smooth, a little blurred.
+    #[default]
+    Cached,
+    /// Each frame by paths of its own: unbiased and noisy.
+    Path,
+}
 
 /// How a scene is served.
 #[derive(Clone, Copy, Debug)]
 pub struct ServiceOptions {
     /// Samples of a live frame.
     pub samples: SampleBudget,
+    /// How their light is found.
+    pub estimator: Estimator,
     /// Longest path in segments.
     pub max_depth: u32,
     /// Seed of all randomness.
     pub seed: u64,
-    /// Threads that render; 0 for one per core.
+    /// Threads that render live frames; 0 for one per core. An embedded server leaves the display a core.
     pub threads: usize,
+    /// Threads that render stills, when nothing is displayed; 0 for one per core.
+    pub still_threads: usize,
+}
+
+impl Default for ServiceOptions {
+    fn default() -> ServiceOptions {
+        let samples = SampleBudget::Time(std::time::Duration::from_millis(80));
+        let estimator = Estimator::default();
+        ServiceOptions { samples, estimator, max_depth: DEFAULT_MAX_DEPTH, seed: 1, threads: 0, still_threads: 0 }
+    }
 }
 
 /// Longest path by default: beyond, a lit room gains less than its noise.
@@ -36,8 +59,10 @@ pub struct Service {
     pub session: SessionConfig,
     /// How it is served.
     pub options: ServiceOptions,
-    /// Renders on threads of its own, so that an embedded server leaves the display its core.
-    pub pool: Arc<ThreadPool>,
+    /// Where live frames are rendered.
+    pub live_pool: Arc<ThreadPool>,
+    /// Where stills are rendered.
+    pub still_pool: Arc<ThreadPool>,
 }
 
 impl Service {
@@ -45,8 +70,9 @@ impl Service {
     pub fn new(scene: Scene, options: ServiceOptions) -> Result<Service, ThreadPoolBuildError> {
         let scene = Arc::new(scene);
         let renderer = Arc::new(FrameRenderer::new(scene.clone()));
-        let name = |index| format!("render-{index}");
-        let pool = ThreadPoolBuilder::new().num_threads(options.threads).thread_name(name).build()?;
+        let live_pool = Arc::new(pool(options.threads)?);
+        let is_same = options.threads == options.still_threads;
+        let still_pool = if is_same { live_pool.clone() } else { Arc::new(pool(options.still_threads)?) };
         let session = SessionConfig {
             scene: scene.name.clone(),
             effects: Effects::of(&scene).names(),
@@ -59,6 +85,22 @@ impl Service {
             strip_rows: STRIP_ROWS,
             limits: Limits::default(),
         };
-        Ok(Service { renderer, session, options, pool: Arc::new(pool) })
+        Ok(Service { renderer, session, options, live_pool, still_pool })
     }
+}
+
+/// A thirtieth of the weight of an ordinary thread (nice 15 on Linux): whoever displays is not late for its sake, and
+/// frames still come on a busy machine.
+const RENDER_PRIORITY: u8 = 10;
+
+fn pool(threads: usize) -> Result<ThreadPool, ThreadPoolBuildError> {
+    // Whoever sends, decodes or displays on the same machine goes first: rendering takes what is left.
+    let give_way = |_| {
+        let priority = RENDER_PRIORITY.try_into().map_or(ThreadPriority::Min, ThreadPriority::Crossplatform);
+        if let Err(error) = set_current_thread_priority(priority) {
+            tracing::debug!("rendering threads keep their priority: {error:?}");
+        }
+    };
+    let name = |index| format!("render-{index}");
+    ThreadPoolBuilder::new().num_threads(threads).thread_name(name).start_handler(give_way).build()
 }

@@ -1,12 +1,14 @@
 //! From a render job to strips on their way: frame -> encode, a band at a time on whichever core rendered it.
 
+use crate::cache::CacheSettings;
 use crate::counters::Counters;
-use crate::frame::{BAND_ROWS, FrameRequest};
-use crate::service::Service;
+use crate::frame::{BAND_ROWS, FrameRequest, LiveFrames};
+use crate::service::{Estimator, Service};
 use crate::session::RenderJob;
 use std::sync::{Mutex, PoisonError};
 use warplight_protocol::codec::StripEncoder;
 use warplight_protocol::frame::{Interfaces, Plan, Tree, TreeRows};
+use warplight_protocol::message::FramePurpose;
 use warplight_protocol::{Camera, ImageSize, Pose};
 
 /// Rows of a strip, which is a band of the renderer.
@@ -17,6 +19,8 @@ pub const STRIP_ROWS: u16 = BAND_ROWS as u16;
 pub struct FrameStream {
     service: Service,
     tree: Tree,
+    /// From the first live frame that asks for it.
+    live: Option<LiveFrames>,
     encoders: Mutex<Vec<StripEncoder>>,
     counters: Counters,
 }
@@ -26,7 +30,7 @@ impl FrameStream {
     pub fn new(service: Service) -> FrameStream {
         let camera = Camera::symmetric(1.0, ImageSize::new(1, 1));
         let tree = Tree::new(Pose::IDENTITY, camera, Plan::diffuse(), Interfaces::default());
-        FrameStream { service, tree, encoders: Mutex::default(), counters: Counters::default() }
+        FrameStream { service, tree, live: None, encoders: Mutex::default(), counters: Counters::default() }
     }
 
     /// Renders and encodes a frame on all cores. `on_rendered` is called when a band is rendered, `on_strip`
@@ -42,7 +46,9 @@ impl FrameStream {
             // Each frame has noise of its own, or it would stick to the screen.
             seed: self.service.options.seed.wrapping_mul(0x9e37_79b9_7f4a_7c15).wrapping_add(u64::from(job.begin.id.0)),
         };
-        let FrameStream { service, tree, encoders, counters } = self;
+        let FrameStream { service, tree, live, encoders, counters } = self;
+        // Shared by the workers: no longer this method's alone.
+        let encoders = &*encoders;
         let on_band = |band: &TreeRows<'_>| {
             on_rendered();
             let idle = encoders.lock().unwrap_or_else(PoisonError::into_inner).pop();
@@ -52,7 +58,16 @@ impl FrameStream {
             encoders.lock().unwrap_or_else(PoisonError::into_inner).push(encoder);
             on_strip(strip);
         };
-        service.pool.install(|| service.renderer.render(&request, tree, counters, &on_band));
+        let is_live = job.begin.purpose == FramePurpose::Live;
+        let pool = if is_live { &service.live_pool } else { &service.still_pool };
+        let samples = f64::from(job.samples_per_1024_px) / 1024.0 * shape.camera.size.pixels() as f64;
+        pool.install(|| match service.options.estimator {
+            Estimator::Cached if is_live => {
+                let live = live.get_or_insert_with(|| LiveFrames::new(CacheSettings::default()));
+                service.renderer.render_live(&request, samples, live, tree, counters, &on_band);
+            }
+            _ => service.renderer.render(&request, tree, counters, &on_band),
+        });
     }
 
     /// The planes of the last frame, as they were before quantisation.

@@ -99,14 +99,18 @@ pub(super) fn run(arguments: &BenchArgs) -> Result<(), Failure> {
     warps(&mut bench, &scene, &frame);
     if arguments.json {
         let threads = rayon::current_num_threads();
-        let machine = serde_json::json!({ "threads": threads, "arch": std::env::consts::ARCH, "os": std::env::consts::OS });
+        let machine =
+            serde_json::json!({ "threads": threads, "arch": std::env::consts::ARCH, "os": std::env::consts::OS });
         let document = serde_json::json!({ "schema": 1, "machine": machine, "scene": scene.name, "spp": arguments.spp, "rows": bench.rows });
         println!("{}", serde_json::to_string(&document).context("bench document")?);
     } else {
         println!("{:<26} {:<26} {:>9} {:>9} {:>9} {:>9}", "case", "stage", "min ms", "median", "max", "bit/px");
         for row in &bench.rows {
             let bits = row.bits_per_pixel.map_or_else(String::new, |bits| format!("{bits:.3}"));
-            println!("{:<26} {:<26} {:>9.2} {:>9.2} {:>9.2} {bits:>9}", row.case, row.stage, row.min_ms, row.median_ms, row.max_ms);
+            println!(
+                "{:<26} {:<26} {:>9.2} {:>9.2} {:>9.2} {bits:>9}",
+                row.case, row.stage, row.min_ms, row.median_ms, row.max_ms
+            );
         }
     }
     Ok(())
@@ -151,9 +155,12 @@ fn codec(bench: &mut Bench, scene: &Scene, frame: &Tree) -> Result<(), Failure> 
     let mut target = frame.clone();
     let mut decode = || -> Result<(), warplight_protocol::codec::DecodeError> {
         let bands = target.bands_mut(u32::from(STRIP_ROWS));
-        bands.into_par_iter().zip(&strips).try_for_each_init(StripDecoder::default, |decoder, (mut band, (strip, _))| {
-            decoder.decode(&shape, strip, &mut band).map(drop)
-        })
+        bands
+            .into_par_iter()
+            .zip(&strips)
+            .try_for_each_init(StripDecoder::default, |decoder, (mut band, (strip, _))| {
+                decoder.decode(&shape, strip, &mut band).map(drop)
+            })
     };
     decode().context("decoding a strip just encoded")?;
     bench.time(&case, "decode", Some(whole), || drop(decode()));
@@ -165,7 +172,17 @@ fn codec(bench: &mut Bench, scene: &Scene, frame: &Tree) -> Result<(), Failure> 
     for ((node, kind), bytes) in planes {
         let stage = format!("{}.{}", shape.plan.name(usize::from(node)), kind.name());
         let bits_per_pixel = Some(bits(bytes));
-        bench.rows.push(Row { case: case.clone(), stage, size, runs: 0, min_ms: 0.0, median_ms: 0.0, max_ms: 0.0, bits_per_pixel, megapixels_per_s: None });
+        bench.rows.push(Row {
+            case: case.clone(),
+            stage,
+            size,
+            runs: 0,
+            min_ms: 0.0,
+            median_ms: 0.0,
+            max_ms: 0.0,
+            bits_per_pixel,
+            megapixels_per_s: None,
+        });
     }
     Ok(())
 }
@@ -174,8 +191,12 @@ fn warps(bench: &mut Bench, scene: &Scene, frame: &Tree) {
     // Five centimetres aside and two degrees round: a tenth of a second of a lively head.
     let turn = glam::DQuat::from_rotation_y(2_f64.to_radians());
     let moved = frame.render_pose.orientation * glam::DVec3::X * 0.05;
-    let display_pose = Pose { position: frame.render_pose.position + moved, orientation: frame.render_pose.orientation * turn };
-    let case = format!("surface {}", (0..frame.plan.nodes().len()).map(|node| frame.plan.letters(node)).collect::<Vec<_>>().join(" "));
+    let display_pose =
+        Pose { position: frame.render_pose.position + moved, orientation: frame.render_pose.orientation * turn };
+    let case = format!(
+        "surface {}",
+        (0..frame.plan.nodes().len()).map(|node| frame.plan.letters(node)).collect::<Vec<_>>().join(" ")
+    );
     let mut warper = Warper::default();
     bench.time(&case, "prepare", None, || warper.prepare(frame));
     let camera = bench.camera;

@@ -61,7 +61,7 @@ impl From<ReplayError> for Failure {
 }
 
 /// Runs the command line of this process.
-pub fn run() -> ExitCode {
+pub fn main() -> ExitCode {
     let logs = tracing_subscriber::EnvFilter::try_from_default_env().unwrap_or_else(|_| "warn".into());
     tracing_subscriber::fmt().with_env_filter(logs).with_writer(std::io::stderr).init();
     let arguments = Arguments::parse();
@@ -69,12 +69,14 @@ pub fn run() -> ExitCode {
         None => replay::run(&replay::ReplayArgs::default()),
         Some(Command::Replay(arguments)) => replay::run(&arguments),
         Some(Command::Bench(arguments)) => bench::run(&arguments),
-        Some(Command::Trace(arguments)) => trace::cli::run(&arguments).map(|text| println!("{text}")).map_err(Failure::from),
+        Some(Command::Trace(arguments)) => {
+            trace::cli::run(&arguments).map(|text| println!("{text}")).map_err(Failure::from)
+        }
     };
     match outcome {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => {
-            eprintln!("warplight-client: {failure}");
+            eprintln!("error: {failure}");
             ExitCode::from(if matches!(failure, Failure::Input(_)) { 2 } else { 1 })
         }
     }

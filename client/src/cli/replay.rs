@@ -9,6 +9,7 @@ use crate::report::{ClockKind, summary};
 use crate::trace::Trace;
 use crate::warp::Mode;
 use anyhow::Context;
+use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{Args, Parser, ValueEnum};
 use indicatif::{ProgressBar, ProgressStyle};
 use std::io::IsTerminal;
@@ -17,11 +18,11 @@ use std::time::Duration;
 use warplight_protocol::frame::FrameFormat;
 use warplight_protocol::{Camera, ImageSize};
 use warplight_server::scene::Scene;
-use warplight_server::service::{DEFAULT_MAX_DEPTH, Service, ServiceOptions};
+use warplight_server::service::{DEFAULT_MAX_DEPTH, Estimator, Service, ServiceOptions};
 use warplight_server::session::SampleBudget;
 
 /// Compared refreshes of a replay by default: each costs a converged picture.
-const DEFAULT_COMPARISONS: f64 = 8.0;
+const DEFAULT_COMPARISONS: f64 = 6.0;
 /// Pictures of more refreshes than these would make the page heavy.
 const MAX_PICTURE_SETS: usize = 4;
 /// Seconds replayed by default.
@@ -57,8 +58,8 @@ pub(super) struct ReplayArgs {
     /// Head trace (TUM text); without it the built-in one.
     #[arg(long, value_name = "F.tum")]
     trace: Option<PathBuf>,
-    /// What is shown: none, rotation or diffuse.
-    #[arg(long, default_value = "diffuse")]
+    /// How a frame is brought to the pose of the display.
+    #[arg(long, default_value = Mode::Diffuse.name(), value_parser = modes())]
     mode: Mode,
     /// Which clock runs.
     #[arg(long, value_enum, default_value_t = Clock::Real)]
@@ -73,7 +74,7 @@ pub(super) struct ReplayArgs {
     #[arg(long, value_parser = positive)]
     rate_mbps: Option<f64>,
     /// Size of frames and display.
-    #[arg(long, default_value = "512x512", value_name = "WxH")]
+    #[arg(long, default_value = "384x384", value_name = "WxH")]
     size: ImageSize,
     /// Vertical field of view in degrees.
     #[arg(long, default_value_t = 80.0, value_parser = field_of_view)]
@@ -87,11 +88,11 @@ pub(super) struct ReplayArgs {
     /// Seconds to replay [default: the trace, at most 12].
     #[arg(long, value_parser = positive)]
     duration_s: Option<f64>,
-    /// Compare every N-th refresh with the server's converged picture; 0 for none [default: 8 in all].
+    /// Compare every N-th refresh with the server's converged picture; 0 for none [default: 6 in all].
     #[arg(long, value_name = "N")]
     quality_every: Option<u64>,
     /// Samples per pixel of the converged picture.
-    #[arg(long, default_value_t = 64, value_parser = clap::value_parser!(u32).range(1..=65_536))]
+    #[arg(long, default_value_t = 48, value_parser = clap::value_parser!(u32).range(1..=65_536))]
     quality_spp: u32,
     /// Samples per pixel of a frame; on the real clock the default is what the time budget allows, on the
     /// virtual one 8.
@@ -127,6 +128,10 @@ impl Default for ReplayArgs {
         }
         Alone::parse_from(["replay"]).replay
     }
+}
+
+fn modes() -> impl TypedValueParser<Value = Mode> {
+    PossibleValuesParser::new(Mode::ALL.map(Mode::name)).try_map(|name| name.parse::<Mode>())
 }
 
 fn number(text: &str, expected: &str, accepts: impl Fn(f64) -> bool) -> Result<f64, String> {
@@ -167,7 +172,9 @@ pub(super) fn run(arguments: &ReplayArgs) -> Result<(), Failure> {
         }
         Clock::Real => {
             if arguments.latency_ms.is_some() || arguments.jitter_ms.is_some() || arguments.rate_mbps.is_some() {
-                return Err(Failure::Input("--latency-ms, --jitter-ms and --rate-mbps model a link: they need --clock virtual".to_owned()));
+                return Err(Failure::Input(
+                    "--latency-ms, --jitter-ms and --rate-mbps model a link: they need --clock virtual".to_owned(),
+                ));
             }
             let address = match &arguments.connect {
                 Some(address) => address.clone(),
@@ -197,7 +204,8 @@ pub(super) fn run(arguments: &ReplayArgs) -> Result<(), Failure> {
     report.write(&json_path).with_context(|| format!("{}", json_path.display()))?;
     let page_path = arguments.out.join("index.html");
     let pictures = pictures_of(quality);
-    write_page(&page_path, PageInput { report: &report, pictures: &pictures }).with_context(|| format!("{}", page_path.display()))?;
+    write_page(&page_path, PageInput { report: &report, pictures: &pictures })
+        .with_context(|| format!("{}", page_path.display()))?;
     if arguments.json {
         println!("{}", report.to_json().context("report.json")?);
     } else {
@@ -208,7 +216,9 @@ pub(super) fn run(arguments: &ReplayArgs) -> Result<(), Failure> {
 
 fn plan_of(arguments: &ReplayArgs) -> Result<ReplayPlan, Failure> {
     if arguments.clock == Clock::Virtual && arguments.connect.is_some() {
-        return Err(Failure::Input("--connect: a server elsewhere has a clock of its own; use --clock real".to_owned()));
+        return Err(Failure::Input(
+            "--connect: a server elsewhere has a clock of its own; use --clock real".to_owned(),
+        ));
     }
     let trace = match &arguments.trace {
         Some(path) => Trace::read(path)?,
@@ -246,7 +256,8 @@ fn service_of(arguments: &ReplayArgs, threads: usize, warnings: &mut Vec<String>
         (None, Clock::Virtual) => SampleBudget::Samples(VIRTUAL_SPP),
         (None, Clock::Real) => SampleBudget::Time(time_budget(arguments)),
     };
-    let options = ServiceOptions { samples, max_depth: arguments.max_depth, seed: arguments.seed, threads };
+    let (estimator, max_depth, seed) = (Estimator::default(), arguments.max_depth, arguments.seed);
+    let options = ServiceOptions { samples, estimator, max_depth, seed, threads, still_threads: 0 };
     Ok(Service::new(scene, options).context("starting the rendering threads")?)
 }
 
@@ -272,7 +283,9 @@ fn pictures_of(quality: crate::replay::QualityRun) -> Vec<PictureSet> {
             modes: refresh
                 .modes
                 .into_iter()
-                .map(|mode| (mode.mode.name().to_owned(), mode.picture, mode.compared.map.to_magma(), mode.compared.error))
+                .map(|mode| {
+                    (mode.mode.name().to_owned(), mode.picture, mode.compared.map.to_magma(), mode.compared.error)
+                })
                 .collect(),
         })
         .collect()

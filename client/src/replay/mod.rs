@@ -75,10 +75,10 @@ impl ReplayPlan {
         Duration::from_secs_f64(number as f64 / self.display_hz)
     }
 
-    /// Whether a refresh is compared with the reference. The first of them comes after half a period, when
-    /// the session is under way.
-    pub fn is_compared(&self, number: u64) -> bool {
-        self.quality_every > 0 && number % self.quality_every == self.quality_every / 2
+    /// How many comparisons are to be made by the refresh of this number. The first comes after half a period,
+    /// when the session is under way; one whose refresh was missed is made at the next.
+    pub fn comparisons_by(&self, number: u64) -> u64 {
+        (number + self.quality_every.div_ceil(2)).checked_div(self.quality_every).unwrap_or(0)
     }
 
     /// Head poses in the scene, where its person stands at `head`.

@@ -41,7 +41,11 @@ pub struct QualityRun {
 }
 
 /// Compares all captures of `recording`.
-pub fn assess(recording: &Recording, camera: &Camera, progress: &mut dyn FnMut(Progress)) -> Result<QualityRun, ReplayError> {
+pub fn assess(
+    recording: &Recording,
+    camera: &Camera,
+    progress: &mut dyn FnMut(Progress),
+) -> Result<QualityRun, ReplayError> {
     let mut warper = Warper::default();
     let mut run = QualityRun::default();
     let total = (recording.captures.len() * Mode::ALL.len()) as u64;

@@ -23,7 +23,16 @@ const STILL_PATIENCE: Duration = Duration::from_secs(300);
 pub fn run(plan: &ReplayPlan, address: &str, progress: &mut dyn FnMut(Progress)) -> Result<Recording, ReplayError> {
     let connect = |source| ReplayError::Connect { address: address.to_owned(), source };
     let connection = Connection::start(address.to_owned(), plan.hello(), Instant::now()).map_err(connect)?;
-    let mut player = Player { plan, connection, trace: None, latest: None, recording: Recording::default(), lost: None, stills_missing: 0, over: false };
+    let mut player = Player {
+        plan,
+        connection,
+        trace: None,
+        latest: None,
+        recording: Recording::default(),
+        lost: None,
+        stills_missing: 0,
+        over: false,
+    };
     progress(Progress::Connecting);
     player.wait_for_first_frame(address)?;
     player.play(progress)?;
@@ -55,16 +64,13 @@ impl Player<'_> {
                 self.recording.welcome = Some(welcome);
             }
             News::Frame(frame) => self.on_frame(frame),
-            News::Statistics(statistics) => self.recording.statistics = statistics,
+            News::Statistics(statistics) => self.recording.statistics_arrived(statistics),
             News::Lost(why) => {
                 tracing::warn!("connection lost: {why}");
                 self.lost = Some(why);
             }
             News::Failed(end) => return Err(end.into()),
-            News::Over(bytes_per_plane) => {
-                self.recording.bytes_per_plane = bytes_per_plane;
-                self.over = true;
-            }
+            News::Over => self.over = true,
         }
         Ok(())
     }
@@ -139,12 +145,19 @@ impl Player<'_> {
             self.record(number, &frame, sampled, warped, refresh);
             progress(Progress::Displaying(number + 1, refreshes));
         }
-        self.recording.down_bytes = self.connection.traffic().down_bytes();
-        self.recording.up_bytes = self.connection.traffic().up_bytes();
+        let traffic = self.connection.traffic();
+        self.recording.finish(traffic.down_bytes(), traffic.up_bytes());
         Ok(())
     }
 
-    fn record(&mut self, number: u64, frame: &Arc<ReadyFrame>, sampled: Timestamp, warped: Timestamp, refresh: Timestamp) {
+    fn record(
+        &mut self,
+        number: u64,
+        frame: &Arc<ReadyFrame>,
+        sampled: Timestamp,
+        warped: Timestamp,
+        refresh: Timestamp,
+    ) {
         let time = self.plan.refresh_time(number);
         let Some(display_pose) = self.trace.as_ref().map(|trace| trace.pose_at(time.as_secs_f64())) else { return };
         let interval = self.plan.refresh_interval();
@@ -160,7 +173,7 @@ impl Player<'_> {
             missed: intervals > 1.0,
         });
         self.recording.frame_shown(frame.begin.id, warped, presented, display_pose);
-        if self.plan.is_compared(number) {
+        if (self.recording.captures.len() as u64) < self.plan.comparisons_by(number) {
             self.recording.captures.push(Capture { time, display_pose, frame: frame.clone(), reference: None });
         }
     }

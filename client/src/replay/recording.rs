@@ -78,7 +78,7 @@ pub struct Recording {
     pub second_reference: Option<RgbImage>,
     /// The server's totals.
     pub statistics: Statistics,
-    /// Bytes of all planes.
+    /// Bytes of the planes of all frames.
     pub bytes_per_plane: BytesPerPlane,
     /// Bytes from the server.
     pub down_bytes: u64,
@@ -88,11 +88,33 @@ pub struct Recording {
     pub reconnects: u64,
     /// When the first refresh was, by the client's clock.
     pub start: Timestamp,
+    /// The last refresh is over: what arrives now is not part of the replay.
+    pub is_over: bool,
 }
 
 impl Recording {
+    /// Ends the replay, with what has gone over the link so far.
+    pub fn finish(&mut self, down_bytes: u64, up_bytes: u64) {
+        self.down_bytes = down_bytes;
+        self.up_bytes = up_bytes;
+        self.is_over = true;
+    }
+
+    /// Takes in the server's totals.
+    pub fn statistics_arrived(&mut self, statistics: Statistics) {
+        if !self.is_over {
+            self.statistics = statistics;
+        }
+    }
+
     /// Notes a frame that is ready.
     pub fn frame_arrived(&mut self, frame: &ReadyFrame) {
+        if self.is_over {
+            return;
+        }
+        for (&plane, &bytes) in &frame.bytes_per_plane {
+            *self.bytes_per_plane.entry(plane).or_default() += bytes;
+        }
         let mut times = FrameTimes::default();
         let end = &frame.end;
         for (stage, at) in [

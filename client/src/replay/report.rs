@@ -1,11 +1,11 @@
 //! From records to the report: sums and percentiles, nothing else.
 
-use super::{QualityRun, Recording, ReplayPlan};
+use super::{FrameRecord, QualityRun, Recording, ReplayPlan};
 use crate::link::LinkModel;
 use crate::measure::{Interval, Percentiles, Stage};
 use crate::report::{
-    ClockKind, ClockOffset, Display, DisplaySeries, FrameSeries, Latency, Link, ModeQuality, Prediction, QualitySeries, Reference, Report, SCHEMA, Series,
-    doubts,
+    ClockKind, ClockOffset, Display, DisplaySeries, FrameSeries, Latency, Link, ModeQuality, Prediction, QualitySeries,
+    Reference, Report, SCHEMA, Series, doubts,
 };
 use crate::warp::Mode;
 use std::collections::BTreeMap;
@@ -27,8 +27,12 @@ pub struct Circumstances {
 }
 
 /// Makes the report of a replay.
-pub fn report_from(plan: &ReplayPlan, recording: &Recording, quality: &QualityRun, circumstances: Circumstances) -> Report {
-    let offset = clock_offset(recording, circumstances.clock);
+pub fn report_from(
+    plan: &ReplayPlan,
+    recording: &Recording,
+    quality: &QualityRun,
+    circumstances: Circumstances,
+) -> Report {
     let mut report = Report {
         schema: SCHEMA,
         scene: recording.welcome.as_ref().map_or_else(String::new, |welcome| welcome.scene.clone()),
@@ -43,7 +47,7 @@ pub fn report_from(plan: &ReplayPlan, recording: &Recording, quality: &QualityRu
             frames: plan.refreshes(),
             missed: plan.refreshes() - recording.displays.iter().filter(|display| !display.missed).count() as u64,
         },
-        latency_ms: latency(recording, offset),
+        latency_ms: latency(recording, circumstances.clock),
         prediction: prediction(recording),
         link: link(plan, recording, circumstances.link),
         quality: Mode::ALL.into_iter().map(|mode| mode_quality(quality, mode)).collect(),
@@ -66,34 +70,61 @@ fn spread(samples: impl IntoIterator<Item = f64>) -> Option<Percentiles> {
     Percentiles::from_samples(&samples.into_iter().collect::<Vec<_>>()).ok()
 }
 
-/// The server's clock minus the client's, in microseconds, and its bound: from the fastest pose up and the fastest
-/// frame down, as NTP does from one packet each way (Mills 1991).
-fn clock_offset(recording: &Recording, clock: ClockKind) -> Option<(f64, f64)> {
+/// Frames by the server's clock that stamped them: a restarted server has a new one.
+fn epochs(frames: &[FrameRecord]) -> impl Iterator<Item = &[FrameRecord]> {
+    frames.chunk_by(|before, after| after.times.at(Stage::Sent) >= before.times.at(Stage::Sent))
+}
+
+/// The server's clock as the client sees it, from the frames of one epoch. In virtual time there is only one clock.
+fn clock_offset(frames: &[FrameRecord], clock: ClockKind) -> Option<ClockOffset> {
     if clock == ClockKind::Virtual {
-        return Some((0.0, 0.0));
+        return Some(ClockOffset { offset_ms: 0.0, error_ms: 0.0, drift_ppm: 0.0 });
     }
-    let difference = |to: Stage, from: Stage| {
-        let of = move |record: &super::FrameRecord| {
-            Some(record.times.at(to)?.micros as f64 - record.times.at(from)?.micros as f64)
-        };
-        recording.frames.iter().filter_map(of).min_by(f64::total_cmp)
+    let (early, late) = frames.split_at(frames.len() / 2);
+    let (offset_ms, error_ms) = offset_and_error_ms(frames)?;
+    Some(ClockOffset { offset_ms, error_ms, drift_ppm: drift_ppm(early, late).unwrap_or(0.0) })
+}
+
+/// From the fastest pose up and the fastest frame down, as NTP does from one packet each way (Mills 1991).
+fn offset_and_error_ms(frames: &[FrameRecord]) -> Option<(f64, f64)> {
+    let fastest_ms = |from: Stage, to: Stage| {
+        let of =
+            move |record: &FrameRecord| Some((record.times.at(to)?.as_secs() - record.times.at(from)?.as_secs()) * 1e3);
+        frames.iter().filter_map(of).min_by(f64::total_cmp)
     };
-    let up = difference(Stage::PoseReceived, Stage::PoseSampled)?;
-    let down = difference(Stage::Received, Stage::Sent)?;
+    let up = fastest_ms(Stage::PoseSampled, Stage::PoseReceived)?;
+    let down = fastest_ms(Stage::Sent, Stage::Received)?;
     Some(((up - down) / 2.0, ((up + down) / 2.0).abs()))
 }
 
-fn latency(recording: &Recording, offset: Option<(f64, f64)>) -> Latency {
+fn drift_ppm(early: &[FrameRecord], late: &[FrameRecord]) -> Option<f64> {
+    let middle_secs =
+        |frames: &[FrameRecord]| frames.get(frames.len() / 2)?.times.at(Stage::Received).map(|at| at.as_secs());
+    let elapsed_secs = middle_secs(late)? - middle_secs(early)?;
+    let change_ms = offset_and_error_ms(late)?.0 - offset_and_error_ms(early)?.0;
+    (elapsed_secs > 1.0).then(|| change_ms * 1e3 / elapsed_secs)
+}
+
+fn latency(recording: &Recording, clock: ClockKind) -> Latency {
     let mut stages = BTreeMap::new();
-    for interval in Interval::STEPS {
-        let of = |record: &super::FrameRecord| {
+    let mut samples: BTreeMap<&str, Vec<f64>> = BTreeMap::new();
+    let mut latest_offset = None;
+    for epoch in epochs(&recording.frames) {
+        latest_offset = clock_offset(epoch, clock);
+        for record in epoch {
             let mut times = record.times;
-            if let Some((offset_micros, _)) = offset {
-                times.set_clock_offset(offset_micros.round() as i64);
+            if let Some(offset) = latest_offset {
+                times.set_clock_offset((offset.offset_ms * 1e3).round() as i64);
             }
-            times.interval_ms(interval)
-        };
-        if let (Some(name), Some(spread)) = (interval.name(), spread(recording.frames.iter().filter_map(of))) {
+            for interval in Interval::STEPS {
+                if let (Some(name), Some(millis)) = (interval.name(), times.interval_ms(interval)) {
+                    samples.entry(name).or_default().push(millis);
+                }
+            }
+        }
+    }
+    for (name, samples) in samples {
+        if let Some(spread) = spread(samples) {
             stages.insert(name.to_owned(), spread);
         }
     }
@@ -104,11 +135,7 @@ fn latency(recording: &Recording, offset: Option<(f64, f64)>) -> Latency {
         motion_to_photon: spread(recording.displays.iter().map(|display| millis(display.motion_to_photon))),
         frame_age: spread(recording.displays.iter().map(|display| millis(display.frame_age))),
         stages,
-        clock_offset: offset.map(|(offset_micros, error_micros)| ClockOffset {
-            offset_ms: offset_micros * 1e-3,
-            error_ms: error_micros * 1e-3,
-            drift_ppm: 0.0,
-        }),
+        clock_offset: latest_offset,
     }
 }
 
@@ -132,7 +159,8 @@ fn link(plan: &ReplayPlan, recording: &Recording, model: Option<LinkModel>) -> L
         down_mbps: recording.down_bytes as f64 * 8e-6 / seconds,
         frames_sent: u64::from(recording.statistics.frames_sent),
         frames_shown,
-        frames_replaced: u64::from(recording.statistics.frames_replaced) + (recording.frames.len() as u64 - frames_shown),
+        frames_replaced: u64::from(recording.statistics.frames_replaced)
+            + (recording.frames.len() as u64 - frames_shown),
         reconnects: recording.reconnects,
         latency_ms: model.map(|model| millis(model.latency)),
         jitter_ms: model.map(|model| millis(model.jitter)),
@@ -146,7 +174,8 @@ fn link(plan: &ReplayPlan, recording: &Recording, model: Option<LinkModel>) -> L
 }
 
 fn mode_quality(quality: &QualityRun, mode: Mode) -> ModeQuality {
-    let all = || quality.refreshes.iter().flat_map(|refresh| &refresh.modes).filter(|assessment| assessment.mode == mode);
+    let all =
+        || quality.refreshes.iter().flat_map(|refresh| &refresh.modes).filter(|assessment| assessment.mode == mode);
     ModeQuality {
         mode: mode.name().to_owned(),
         psnr_db: spread(all().map(|assessment| assessment.compared.error.psnr_db)),
@@ -182,4 +211,59 @@ fn series(recording: &Recording, quality: &QualityRun) -> Series {
         }
     }
     Series { display, frames, quality: by_mode }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::measure::FrameTimes;
+    use warplight_protocol::frame::FrameId;
+    use warplight_protocol::{Pose, Timestamp};
+
+    /// A frame of a server whose clock is `ahead` of the client's: 10 ms up, 80 ms of rendering, 20 ms down.
+    fn frame(client_micros: i64, ahead_micros: i64) -> FrameRecord {
+        let mut times = FrameTimes::default();
+        let at = |micros: i64| Timestamp { micros: micros as u64 };
+        times.record(Stage::PoseSampled, at(client_micros));
+        times.record(Stage::PoseReceived, at(client_micros + 10_000 + ahead_micros));
+        times.record(Stage::Sent, at(client_micros + 90_000 + ahead_micros));
+        times.record(Stage::Received, at(client_micros + 110_000));
+        let (horizon, render_pose) = (Duration::ZERO, Pose::IDENTITY);
+        FrameRecord {
+            id: FrameId(1),
+            times,
+            bytes: 0,
+            spp: 1,
+            horizon,
+            render_pose,
+            shown: false,
+            pose_when_shown: None,
+        }
+    }
+
+    #[test]
+    fn the_offset_of_two_clocks_is_found_within_its_error() {
+        let frames: Vec<_> = (0..20).map(|number| frame(1_000_000 + 100_000 * number, 7_000_000)).collect();
+        let offset = clock_offset(&frames, ClockKind::Real).unwrap();
+        assert!((offset.offset_ms - 7000.0).abs() <= offset.error_ms + 1e-6);
+        assert!((offset.error_ms - 15.0).abs() < 1e-6 && offset.drift_ppm.abs() < 1.0);
+    }
+
+    #[test]
+    fn a_clock_that_runs_faster_is_seen_to_drift() {
+        let frames: Vec<_> = (0..100).map(|number| frame(100_000 * number, 7_000_000 + 20 * number)).collect();
+        let offset = clock_offset(&frames, ClockKind::Real).unwrap();
+        assert!((offset.drift_ppm - 200.0).abs() < 5.0, "{}", offset.drift_ppm);
+    }
+
+    #[test]
+    fn a_restarted_server_has_a_clock_of_its_own() {
+        let mut recording = Recording::default();
+        recording.frames.extend((0..10).map(|number| frame(10_000_000 + 100_000 * number, 5_000_000)));
+        recording.frames.extend((0..10).map(|number| frame(12_000_000 + 100_000 * number, -11_000_000)));
+        let latency = latency(&recording, ClockKind::Real);
+        let send = latency.stages["send"];
+        assert!(send.count == 20 && (send.min - 15.0).abs() < 1e-6 && (send.max - 15.0).abs() < 1e-6, "{send:?}");
+        assert!((latency.clock_offset.unwrap().offset_ms + 11_000.0).abs() < 15.0);
+    }
 }

@@ -12,13 +12,13 @@ use crate::trace::Trace;
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
-use warplight_protocol::codec::Limits;
+use warplight_protocol::codec::{DecodeError, Limits};
 use warplight_protocol::frame::FrameId;
-use warplight_protocol::message::{FramePurpose, PoseSample, StillRequest};
+use warplight_protocol::message::{FrameBegin, FramePurpose, PoseSample, StillRequest};
 use warplight_protocol::{Pose, Timestamp};
 use warplight_server::service::Service;
 use warplight_server::session::ServerSession;
-use warplight_server::stream::FrameStream;
+use warplight_server::stream::{FrameStream, STRIP_ROWS};
 
 /// What work is said to take. The defaults are medians of a two-core machine at 512x512 with four nodes.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -35,7 +35,12 @@ pub struct ModelledTimes {
 
 impl Default for ModelledTimes {
     fn default() -> ModelledTimes {
-        ModelledTimes { render: Duration::from_millis(80), encode_ns_per_pixel: 30.0, decode_ns_per_pixel: 30.0, warp_ns_per_pixel: 20.0 }
+        ModelledTimes {
+            render: Duration::from_millis(80),
+            encode_ns_per_pixel: 30.0,
+            decode_ns_per_pixel: 30.0,
+            warp_ns_per_pixel: 20.0,
+        }
     }
 }
 
@@ -60,10 +65,9 @@ pub fn run(
         world.refresh(number);
         progress(Progress::Displaying(number + 1, refreshes));
     }
-    world.recording.down_bytes = world.down.bytes();
-    world.recording.up_bytes = world.up.bytes();
+    world.recording.finish(world.down.bytes(), world.up.bytes());
     world.fetch_references(progress)?;
-    Ok(world.finish())
+    Ok(world.recording)
 }
 
 struct World<'a> {
@@ -172,7 +176,9 @@ impl<'a> World<'a> {
             active = true;
             match work {
                 ServerWork::Strip(frame, bytes) => self.server.on_strip(self.now, frame, bytes),
-                ServerWork::End { frame, render_end, counters } => self.server.on_render_end(self.now, frame, render_end, counters),
+                ServerWork::End { frame, render_end, counters } => {
+                    self.server.on_render_end(self.now, frame, render_end, counters)
+                }
             }
         }
         if let Some(job) = self.server.poll_render(self.now) {
@@ -193,7 +199,7 @@ impl<'a> World<'a> {
     }
 
     /// Spreads the strips of a frame over the time it is said to take.
-    fn schedule(&mut self, begin: &warplight_protocol::message::FrameBegin, strips: Vec<Vec<u8>>) {
+    fn schedule(&mut self, begin: &FrameBegin, strips: Vec<Vec<u8>>) {
         let render = if begin.purpose == FramePurpose::Live { self.times.render } else { Duration::ZERO };
         let pixels = begin.shape.camera.size.pixels() as f64;
         let count = strips.len().max(1) as f64;
@@ -229,7 +235,7 @@ impl<'a> World<'a> {
         Ok(active)
     }
 
-    fn on_event(&mut self, event: Event) -> Result<(), warplight_protocol::codec::DecodeError> {
+    fn on_event(&mut self, event: Event) -> Result<(), DecodeError> {
         match event {
             Event::Welcome(welcome) => {
                 self.trace = Some(self.plan.placed_trace(&welcome.head));
@@ -237,23 +243,25 @@ impl<'a> World<'a> {
             }
             Event::FrameBegin(begin) => self.assembler.begin(begin),
             Event::Strip(strip) => {
-                let pixels = self.plan.camera.size.pixels() as f64;
-                let strips = f64::from(self.plan.camera.size.height).max(1.0) / f64::from(warplight_server::stream::STRIP_ROWS);
-                let modelled = Duration::from_secs_f64(self.times.decode_ns_per_pixel * 1e-9 * pixels / strips.max(1.0));
+                let modelled = self.strip_decode_time();
                 self.assembler.strip(&strip, || modelled)?;
             }
             Event::FrameEnd(end) => {
                 // All strips but the last were decoded while the next one was under way.
-                let pixels = self.plan.camera.size.pixels() as f64;
-                let strips = (f64::from(self.plan.camera.size.height) / f64::from(warplight_server::stream::STRIP_ROWS)).max(1.0);
-                let decoded = self.now + Duration::from_secs_f64(self.times.decode_ns_per_pixel * 1e-9 * pixels / strips);
+                let decoded = self.now + self.strip_decode_time();
                 let frame = self.assembler.end(end, self.now, decoded)?;
                 self.decoding.push_back((decoded, frame));
             }
-            Event::Statistics(statistics) => self.recording.statistics = statistics,
+            Event::Statistics(statistics) => self.recording.statistics_arrived(statistics),
             Event::RoundTrip(_) => {}
         }
         Ok(())
+    }
+
+    fn strip_decode_time(&self) -> Duration {
+        let size = self.plan.camera.size;
+        let pixels = u32::from(STRIP_ROWS).min(size.height) * size.width;
+        Duration::from_secs_f64(self.times.decode_ns_per_pixel * 1e-9 * f64::from(pixels))
     }
 
     fn on_ready(&mut self, frame: Arc<ReadyFrame>) {
@@ -307,7 +315,7 @@ impl<'a> World<'a> {
             missed: intervals > 1.0,
         });
         self.recording.frame_shown(frame.begin.id, self.now + warp, presented, display_pose);
-        if self.plan.is_compared(number) {
+        if (self.recording.captures.len() as u64) < self.plan.comparisons_by(number) {
             self.recording.captures.push(Capture { time, display_pose, frame: frame.clone(), reference: None });
         }
     }
@@ -325,11 +333,5 @@ impl<'a> World<'a> {
             }
         }
         Ok(())
-    }
-
-    fn finish(mut self) -> Recording {
-        self.client.close();
-        self.recording.bytes_per_plane = self.assembler.bytes_per_plane().clone();
-        self.recording
     }
 }

@@ -9,7 +9,8 @@ use warplight_protocol::Timestamp;
 use warplight_protocol::codec::{DecodeError, Limits};
 use warplight_protocol::frame::FrameId;
 use warplight_protocol::message::{
-    ErrorCode, FrameAck, FrameBegin, FrameEnd, Hello, Message, PoseSample, Statistics, StillRequest, StripMessage, VERSION, Welcome,
+    ErrorCode, FrameAck, FrameBegin, FrameEnd, Hello, Message, PoseSample, Statistics, StillRequest, StripMessage,
+    VERSION, Welcome,
 };
 use warplight_protocol::wire::{Deframer, write_message};
 
@@ -48,7 +49,7 @@ pub enum SessionEnd {
     #[error("the server refused the session: {text}")]
     Refused {
         /// What kind of refusal.
-        code: u16,
+        code: ErrorCode,
         /// In words.
         text: String,
     },
@@ -61,9 +62,15 @@ pub enum SessionEnd {
 }
 
 impl SessionEnd {
-    /// Whether trying again cannot help.
+    /// Whether trying again cannot help. A server that has heard nothing for too long will listen again.
     pub fn is_final(&self) -> bool {
-        matches!(self, SessionEnd::Closed | SessionEnd::Refused { .. })
+        match self {
+            SessionEnd::Closed => true,
+            SessionEnd::Refused { code, .. } => {
+                matches!(code, ErrorCode::Version | ErrorCode::Protocol | ErrorCode::Limit)
+            }
+            SessionEnd::Bye | SessionEnd::Decode(_) | SessionEnd::Silent => false,
+        }
     }
 }
 
@@ -111,7 +118,7 @@ impl ClientSession {
     fn on_message(&mut self, now: Timestamp, message: Message) {
         let event = match message {
             Message::Bye => return self.end = Some(SessionEnd::Bye),
-            Message::Error { code, text } => return self.end = Some(SessionEnd::Refused { code: code as u16, text }),
+            Message::Error { code, text } => return self.end = Some(SessionEnd::Refused { code, text }),
             Message::Ping(time) => return self.outgoing.push_back(Message::Pong(time)),
             Message::Pong(time) => Event::RoundTrip(now.since(time)),
             Message::Welcome(welcome) if !self.is_open => {
@@ -195,7 +202,8 @@ impl ClientSession {
     /// Notices a server that is gone.
     pub fn on_timeout(&mut self, now: Timestamp) {
         if self.end.is_none() && now.since(self.last_heard) >= DEAD_PEER {
-            self.outgoing.push_back(Message::Error { code: ErrorCode::Timeout, text: "nothing heard for 2 s".to_owned() });
+            self.outgoing
+                .push_back(Message::Error { code: ErrorCode::Timeout, text: "nothing heard for 2 s".to_owned() });
             self.end = Some(SessionEnd::Silent);
         }
     }

@@ -102,6 +102,13 @@ fn a_refusal_is_final_and_in_words() {
 }
 
 #[test]
+fn a_server_that_heard_nothing_is_tried_again() {
+    let mut session = ClientSession::new(hello(), Limits::default(), at(0));
+    hear(&mut session, at(1), &Message::Error { code: ErrorCode::Timeout, text: "nothing heard".to_owned() });
+    assert!(!session.end().unwrap().is_final());
+}
+
+#[test]
 fn what_a_server_must_not_say_ends_the_session() {
     for message in [Message::Hello(hello()), Message::Statistics(Statistics::default()), Message::Poses(vec![])] {
         let mut session = ClientSession::new(hello(), Limits::default(), at(0));

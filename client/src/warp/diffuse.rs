@@ -9,15 +9,17 @@
 //! Cost: one projection per old pixel and two to four per new one.
 
 use super::HOLE;
+use super::reproject::Reprojection;
 use super::source::Source;
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
-use warplight_protocol::pose::RigidMotion;
+use warplight_protocol::camera::MIN_DEPTH_M;
 use warplight_protocol::{Camera, Pose};
 
-/// Residual, in pixels, that counts as solved: the step to which samples are rounded.
-const SOLVED_PX: f32 = 1.0 / 256.0;
+/// Residual, in pixels, whose step is the last: on one surface the next residual is smaller by the roll and parallax per
+/// pixel, a tenth and less, and so within the step of 1/256 to which samples are rounded.
+const LAST_STEP_PX: f32 = 1.0 / 32.0;
 /// Residual that is accepted after the last step: half a pixel further and a neighbour would be the answer.
 const ACCEPTED_PX: f32 = 0.25;
 /// Steps of the iteration; it contracts by the relative depth slope, three or four are the rule.
@@ -31,22 +33,28 @@ pub(super) struct Splat {
 }
 
 impl Splat {
-    fn forward(&mut self, source: &Source, new_from_old: &RigidMotion, camera: &Camera) {
-        self.nearest.clear();
+    fn forward(&mut self, source: &Source, reprojection: &Reprojection, camera: &Camera) {
         self.nearest.resize_with(camera.size.pixels(), AtomicU64::default);
+        self.nearest.par_iter_mut().for_each(|nearest| *nearest.get_mut() = 0);
         let old = source.camera();
         let width = camera.size.width as usize;
+        let old_width = old.size.width as usize;
         (0..old.size.height as usize).into_par_iter().for_each(|row| {
-            for texel in row * old.size.width as usize..(row + 1) * old.size.width as usize {
-                let w = source.inverse_depth(texel);
-                let ray = old.ray_in_view(old.size.pixel_centre(texel));
-                let point = new_from_old.rotation * ray + new_from_old.translation * w;
-                let Some(pixel) = camera.pixel_from_view(point) else { continue };
-                let inside = pixel.x >= 0.0 && pixel.y >= 0.0 && pixel.x < camera.size.width as f32 && pixel.y < camera.size.height as f32;
+            for texel in row * old_width..(row + 1) * old_width {
+                let inverse_depth = source.inverse_depth(texel);
+                let h = reprojection
+                    .homogeneous(Vec2::new((texel - row * old_width) as f32 + 0.5, row as f32 + 0.5), inverse_depth);
+                let pixel = h.truncate() / h.z;
+                // Also false for what is no number.
+                let inside = h.z >= MIN_DEPTH_M
+                    && pixel.x >= 0.0
+                    && pixel.y >= 0.0
+                    && pixel.x < camera.size.width as f32
+                    && pixel.y < camera.size.height as f32;
                 if inside {
                     // Positive floats order like their bits.
-                    let inverse_depth = (w / -point.z).max(0.0).to_bits();
-                    let entry = u64::from(inverse_depth) << 32 | (texel as u64 + 1);
+                    let new_inverse_depth = (inverse_depth / h.z).max(0.0).to_bits();
+                    let entry = u64::from(new_inverse_depth) << 32 | (texel as u64 + 1);
                     self.nearest[pixel.y as usize * width + pixel.x as usize].fetch_max(entry, Relaxed);
                 }
             }
@@ -72,37 +80,37 @@ impl Splat {
 
 /// Fills `radiance` with the old picture seen from `display_pose`.
 pub(super) fn warp(source: &Source, display_pose: &Pose, camera: &Camera, splat: &mut Splat, radiance: &mut [Vec3]) {
-    let new_from_old = display_pose.view_from(source.pose());
-    splat.forward(source, &new_from_old, camera);
+    let reprojection = Reprojection::new(source.camera(), source.pose(), camera, display_pose);
+    splat.forward(source, &reprojection, camera);
     let splat = &*splat;
     let width = camera.size.width as usize;
     radiance.par_chunks_mut(width).enumerate().for_each(|(y, radiance)| {
         for (x, radiance) in radiance.iter_mut().enumerate() {
-            let target = camera.size.pixel_centre(y * width + x);
-            let from = |entry: u64| {
-                let texel = (entry & 0xffff_ffff).checked_sub(1)?;
-                let start = source.camera().size.pixel_centre(texel as usize);
-                solve(source, &new_from_old, camera, start, target)
-            };
+            let target = Vec2::new(x as f32 + 0.5, y as f32 + 0.5);
+            let from =
+                |entry: u64| solve(source, &reprojection, ((entry & 0xffff_ffff) as usize).checked_sub(1)?, target);
             let flow = from(splat.nearest_around(x, y, camera)).or_else(|| from(splat.at(y * width + x)));
             *radiance = flow.and_then(|pixel| source.radiance_of_surface_at(pixel)).unwrap_or(HOLE);
         }
     });
 }
 
-/// The position in the old picture whose point is seen at `target` in the new one.
-fn solve(source: &Source, new_from_old: &RigidMotion, camera: &Camera, start: Vec2, target: Vec2) -> Option<Vec2> {
-    let mut position = start;
+/// The position in the old picture, near the centre of the texel `start`, whose point is seen at `target` in the
+/// new one.
+#[inline]
+fn solve(source: &Source, reprojection: &Reprojection, start: usize, target: Vec2) -> Option<Vec2> {
+    let mut position = source.camera().size.pixel_centre(start);
+    let mut inverse_depth = source.inverse_depth(start);
     let mut residual = f32::INFINITY;
     for _ in 0..MAX_STEPS {
-        let point = source.point_at(position, new_from_old)?;
-        let missing = target - camera.pixel_from_view(point)?;
+        let missing = target - reprojection.pixel(position, inverse_depth)?;
         residual = missing.abs().max_element();
-        if residual < SOLVED_PX {
-            return Some(position);
-        }
         position += missing;
+        if residual < LAST_STEP_PX {
+            break;
+        }
+        inverse_depth = source.inverse_depth_at(position)?;
     }
     // `position` has taken one more step since the residual was measured.
-    (residual < ACCEPTED_PX && source.texel_at(position).is_some()).then_some(position)
+    (residual < ACCEPTED_PX).then_some(position)
 }

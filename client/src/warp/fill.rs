@@ -142,7 +142,8 @@ mod tests {
 
     #[test]
     fn a_gap_is_bridged_smoothly() {
-        let mut radiance: Vec<Vec3> = (0..64).map(|x| if (20..44).contains(&x) { HOLE } else { Vec3::splat(x as f32) }).collect();
+        let mut radiance: Vec<Vec3> =
+            (0..64).map(|x| if (20..44).contains(&x) { HOLE } else { Vec3::splat(x as f32) }).collect();
         Pyramid::default().fill(&mut radiance, 64);
         let values: Vec<f32> = radiance.iter().map(|radiance| radiance.x).collect();
         assert!(values[20..44].iter().all(|value| (18.0..=46.0).contains(value)), "{values:?}");

@@ -10,6 +10,7 @@
 
 mod diffuse;
 mod fill;
+mod reproject;
 mod rotation;
 mod source;
 
@@ -85,7 +86,14 @@ impl Warper {
 
     /// Makes the picture for `display_pose` by `mode` from the frame taken in last: linear radiance times
     /// `exposure`, tone-mapped into `picture`, whose size is set to the camera's.
-    pub fn show(&mut self, mode: Mode, display_pose: &Pose, camera: &Camera, exposure: f32, picture: &mut RgbImage) -> WarpStatistics {
+    pub fn show(
+        &mut self,
+        mode: Mode,
+        display_pose: &Pose,
+        camera: &Camera,
+        exposure: f32,
+        picture: &mut RgbImage,
+    ) -> WarpStatistics {
         let pixels = camera.size.pixels();
         self.radiance.resize(pixels, HOLE);
         let Warper { source, splat, radiance, pyramid, tone } = self;

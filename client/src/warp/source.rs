@@ -1,17 +1,13 @@
 //! A frame made ready to be warped: its picture from its own pose, and the inverse depth of what it shows.
 //!
-//! A pixel of the old picture is the homogeneous point (ray, w) with w = 1 / z: in a new view it lies along
-//! `R ray + t w`, which holds for w = 0, at infinity, too.
-
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 use warplight_protocol::frame::{Tree, flatten};
-use warplight_protocol::pose::RigidMotion;
 use warplight_protocol::{Camera, ImageSize, Pose};
 
 /// Steps of a texel's width that a sample position is rounded to, as texture units do: rounding errors of a
 /// thousandth of a pixel then change nothing, and the picture of an unmoved head is the old one to the bit.
-const SUBTEXELS: f32 = 256.0;
+const SUBTEXELS: i32 = 256;
 
 /// Texels whose inverse depths differ by more than this fraction lie on different surfaces.
 const EDGE: f32 = 0.05;
@@ -50,9 +46,10 @@ impl Source {
         rows.enumerate().for_each(|(row, (radiance, inverse_depth))| {
             let first = row * width;
             flatten(tree, first..first + width, radiance);
-            for (x, inverse_depth) in inverse_depth.iter_mut().enumerate() {
+            let distance = &tree.nodes[0].distance[first..first + width];
+            for (x, (inverse_depth, distance)) in inverse_depth.iter_mut().zip(distance).enumerate() {
                 let ray = tree.camera.ray_in_view(tree.camera.size.pixel_centre(first + x));
-                *inverse_depth = ray.length() / tree.nodes[0].distance[first + x];
+                *inverse_depth = ray.length() / distance;
             }
         });
     }
@@ -66,30 +63,32 @@ impl Source {
     }
 
     /// 1 / z of a texel; 0 at infinity.
+    #[inline(always)]
     pub(super) fn inverse_depth(&self, texel: usize) -> f32 {
         self.inverse_depth[texel]
     }
 
     /// The texel that holds a position, if it is in the picture.
+    #[inline(always)]
     pub(super) fn texel_at(&self, pixel: Vec2) -> Option<usize> {
         let size = self.camera.size;
         let inside = pixel.x >= 0.0 && pixel.y >= 0.0 && pixel.x < size.width as f32 && pixel.y < size.height as f32;
         inside.then(|| pixel.y as usize * size.width as usize + pixel.x as usize)
     }
 
-    /// Where the point seen at `pixel` lies in a new view, up to scale: `R ray + t w`, with w interpolated where
-    /// the texels around are of one surface, else that of the texel itself.
-    pub(super) fn point_at(&self, pixel: Vec2, new_from_old: &RigidMotion) -> Option<Vec3> {
-        let texel = self.texel_at(pixel)?;
-        let own = self.inverse_depth[texel];
+    /// 1 / z at a position: interpolated where the texels around are of one surface, else that of the texel itself.
+    #[inline(always)]
+    pub(super) fn inverse_depth_at(&self, pixel: Vec2) -> Option<f32> {
+        let own = self.inverse_depth[self.texel_at(pixel)?];
         let Footprint { texels, fraction } = self.footprint(pixel);
         let [a, b, c, d] = texels.map(|texel| self.inverse_depth[texel]);
-        let same_surface = [a, b, c, d].into_iter().all(|other| is_same_surface(own, other));
-        let w = if same_surface { lerp(lerp(a, b, fraction.x), lerp(c, d, fraction.x), fraction.y) } else { own };
-        Some(new_from_old.rotation * self.camera.ray_in_view(pixel) + new_from_old.translation * w)
+        let (nearest, farthest) = (a.max(b).max(c.max(d)), a.min(b).min(c.min(d)));
+        let is_one_surface = is_same_surface(own, nearest) && is_same_surface(own, farthest);
+        Some(if is_one_surface { lerp(lerp(a, b, fraction.x), lerp(c, d, fraction.x), fraction.y) } else { own })
     }
 
     /// Radiance at a position, bilinear; `None` outside the picture.
+    #[inline(always)]
     pub(super) fn radiance_at(&self, pixel: Vec2) -> Option<Vec3> {
         self.texel_at(pixel)?;
         let Footprint { texels, fraction } = self.footprint(pixel);
@@ -100,6 +99,7 @@ impl Source {
     }
 
     /// Radiance at a position, bilinear over those texels that show the same surface as the nearest one.
+    #[inline(always)]
     pub(super) fn radiance_of_surface_at(&self, pixel: Vec2) -> Option<Vec3> {
         let own = self.inverse_depth[self.texel_at(pixel)?];
         let Footprint { texels, fraction } = self.footprint(pixel);
@@ -119,22 +119,29 @@ impl Source {
         Some(sum / total)
     }
 
+    /// The texels around a position in the picture. In integers: rounding and flooring floats are calls to the
+    /// mathematics library on the oldest processors that this is built for.
+    #[inline(always)]
     fn footprint(&self, pixel: Vec2) -> Footprint {
         let size = self.camera.size;
-        let (last_x, last_y) = (size.width as i32 - 1, size.height as i32 - 1);
-        let steps = ((pixel - 0.5) * SUBTEXELS).round();
-        let corner = (steps / SUBTEXELS).floor();
-        let fraction = steps / SUBTEXELS - corner;
-        let (x, y) = (corner.x as i32, corner.y as i32);
-        let texel = |x: i32, y: i32| y.clamp(0, last_y) as usize * size.width as usize + x.clamp(0, last_x) as usize;
-        Footprint { texels: [texel(x, y), texel(x + 1, y), texel(x, y + 1), texel(x + 1, y + 1)], fraction }
+        // One texel more than the offset to its centre, so that nothing is below zero when it is truncated.
+        let steps = (pixel + 0.5) * SUBTEXELS as f32 + 0.5;
+        let (x, y) = (steps.x as i32, steps.y as i32);
+        let fraction = Vec2::new((x % SUBTEXELS) as f32, (y % SUBTEXELS) as f32) / SUBTEXELS as f32;
+        let (x, y) = (x / SUBTEXELS - 1, y / SUBTEXELS - 1);
+        let width = size.width as usize;
+        let (left, right) = (x.max(0) as usize, (x + 1).min(size.width as i32 - 1) as usize);
+        let (upper, lower) = (y.max(0) as usize * width, (y + 1).min(size.height as i32 - 1) as usize * width);
+        Footprint { texels: [upper + left, upper + right, lower + left, lower + right], fraction }
     }
 }
 
+#[inline(always)]
 fn is_same_surface(a: f32, b: f32) -> bool {
     (a - b).abs() <= EDGE * a.max(b)
 }
 
+#[inline(always)]
 fn lerp(a: f32, b: f32, t: f32) -> f32 {
     a + (b - a) * t
 }

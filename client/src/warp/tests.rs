@@ -41,7 +41,11 @@ fn plane_tree(pose: Pose) -> Tree {
 
 /// Depths, skies, mirrors and glass without order: everything the identity must survive.
 fn wild_tree(pose: Pose) -> Tree {
-    let interfaces = Interfaces(vec![Interface::Mirror, Interface::Dielectric { eta: 1.5 }, Interface::Dielectric { eta: 1.0 / 1.5 }]);
+    let interfaces = Interfaces(vec![
+        Interface::Mirror,
+        Interface::Dielectric { eta: 1.5 },
+        Interface::Dielectric { eta: 1.0 / 1.5 },
+    ]);
     let mut tree = Tree::new(pose, camera(), Plan::solid(), interfaces);
     let mut random = rand_pcg::Pcg32::new(7, 11);
     let mut uniform = || {
@@ -138,7 +142,8 @@ fn a_turned_head_sees_the_homography() {
 fn a_plane_seen_from_aside_is_its_closed_form() {
     let tree = plane_tree(pose());
     let aside = DVec3::new(0.05, -0.03, 0.04);
-    let display_pose = Pose { position: tree.render_pose.position + tree.render_pose.orientation * aside, ..tree.render_pose };
+    let display_pose =
+        Pose { position: tree.render_pose.position + tree.render_pose.orientation * aside, ..tree.render_pose };
     let (mut compared, mut worst) = (0, 0.0_f32);
     for (pixel, found) in flow_of(Mode::Diffuse, &tree, &display_pose).into_iter().enumerate() {
         // The new ray meets the plane where n . (aside + s ray) = d; the old picture shows that point there.

@@ -10,8 +10,7 @@ use warplight_protocol::{Camera, ImageSize, Pose};
 const LOW: Vec3 = Vec3::new(-3.0, -1.5, -5.0);
 const HIGH: Vec3 = Vec3::new(3.0, 1.5, 3.0);
 /// Centre, radius, interface (1 mirror, 2 metal, 3 glass).
-const BALLS: [(Vec3, f32, u8); 2] =
-    [(Vec3::new(-0.9, -0.8, -2.6), 0.7, 2), (Vec3::new(0.8, -1.0, -2.0), 0.5, 3)];
+const BALLS: [(Vec3, f32, u8); 2] = [(Vec3::new(-0.9, -0.8, -2.6), 0.7, 2), (Vec3::new(0.8, -1.0, -2.0), 0.5, 3)];
 const MIRROR_LOW: Vec2 = Vec2::new(-1.5, -0.4);
 const MIRROR_HIGH: Vec2 = Vec2::new(2.0, 1.2);
 
@@ -23,7 +22,7 @@ struct Hit {
 }
 
 /// A frame of `side` x `side` pixels whose radiance has this standard deviation over its mean.
-pub fn frame(side: u32, noise: f32, format: FrameFormat, strip_rows: u16) -> (FrameShape, Tree) {
+pub(crate) fn frame(side: u32, noise: f32, format: FrameFormat, strip_rows: u16) -> (FrameShape, Tree) {
     let gold = Interface::Conductor { eta: [0.18, 0.42, 1.37], k: [3.42, 2.35, 1.77] };
     let shape = FrameShape {
         camera: Camera::symmetric(1.4, ImageSize::new(side, side)),
@@ -116,8 +115,11 @@ fn cast_room(origin: Vec3, direction: Vec3) -> Hit {
     Hit { distance, normal, interface: 0, radiance: albedo * (tile(2.0) * grain * light) }
 }
 
-/// Codes of the kinds of planes: name, bits, channels, and which pixels count.
-pub fn planes_of_codes(shape: &FrameShape, tree: &Tree) -> Vec<(&'static str, usize, Vec<Vec<u32>>, Vec<bool>)> {
+/// A plane as integers: name, bits, channels, and which pixels count.
+type Codes = (&'static str, usize, Vec<Vec<u32>>, Vec<bool>);
+
+/// Codes of the kinds of planes.
+pub(crate) fn planes_of_codes(shape: &FrameShape, tree: &Tree) -> Vec<Codes> {
     let color = shape.format.color;
     let pixels = shape.camera.size.pixels();
     let mut planes = Vec::new();
@@ -126,8 +128,9 @@ pub fn planes_of_codes(shape: &FrameShape, tree: &Tree) -> Vec<(&'static str, us
             u32::from(ColorFormat::quantise(color, tree.nodes[node].radiance[channel][pixel], 1.0))
         };
         let mask = (1 << color.bits()) - 1;
-        let difference =
-            |channel: usize| (0..pixels).map(|pixel| code(channel, pixel).wrapping_sub(code(1, pixel)) & mask).collect();
+        let difference = |channel: usize| {
+            (0..pixels).map(|pixel| code(channel, pixel).wrapping_sub(code(1, pixel)) & mask).collect()
+        };
         let channels = vec![(0..pixels).map(|pixel| code(1, pixel)).collect(), difference(0), difference(2)];
         planes.push((name, color.bits(), channels, defined(tree, node)));
     }
@@ -137,7 +140,12 @@ pub fn planes_of_codes(shape: &FrameShape, tree: &Tree) -> Vec<(&'static str, us
     planes.push(("root.depth24", 24, vec![depth_codes(tree, 0, 24)], defined(tree, 0)));
     let has_interface = tree.nodes[0].interface.iter().map(|&interface| interface > 0).collect();
     planes.push(("root.normal12", 12, normal_codes(tree), has_interface));
-    planes.push(("root.interface", 2, vec![tree.nodes[0].interface.iter().map(|&i| i.into()).collect()], defined(tree, 0)));
+    planes.push((
+        "root.interface",
+        2,
+        vec![tree.nodes[0].interface.iter().map(|&i| i.into()).collect()],
+        defined(tree, 0),
+    ));
     planes
 }
 
@@ -155,7 +163,7 @@ fn depth_codes(tree: &Tree, node: usize, bits: u32) -> Vec<u32> {
     let pixels = 0..tree.camera.size.pixels();
     let known = pixels.clone().filter(|&pixel| tree.nodes[node].distance[pixel] != UNDEFINED);
     let near = known.map(z).fold(f64::INFINITY, f64::min);
-    let largest = ((1_u32 << bits) - 1) as f64;
+    let largest = f64::from((1_u32 << bits) - 1);
     pixels.map(|pixel| (near / z(pixel) * largest).min(largest).round() as u32).collect()
 }
 

@@ -35,21 +35,33 @@ pub fn shape(u: &mut Unstructured<'_>) -> Result<FrameShape> {
     Ok(FrameShape { camera, plan, interfaces: Interfaces(interfaces), format, strip_rows, exposure })
 }
 
-/// A tree of any floats there are, NaN and infinities too.
+/// A tree of any floats there are, NaN and infinities too. Where the input ends, its numbers go on by
+/// themselves, so that short inputs are whole frames.
 pub fn tree(shape: &FrameShape, u: &mut Unstructured<'_>) -> Result<Tree> {
+    let mut random = u.arbitrary::<u64>()? | 1;
+    let mut next = move |u: &mut Unstructured<'_>| {
+        if !u.is_empty() {
+            return u.arbitrary();
+        }
+        // xorshift64 (Marsaglia 2003).
+        random ^= random << 13;
+        random ^= random >> 7;
+        random ^= random << 17;
+        Ok((random >> 56) as u8)
+    };
     let mut tree = Tree::new(Pose::IDENTITY, shape.camera, shape.plan.clone(), shape.interfaces.clone());
     for planes in &mut tree.nodes {
         let NodeFloats { floats } = NodeFloats::of(planes);
         for value in floats {
-            *value = match u.arbitrary::<u8>()? {
-                0 => f32::from_bits(u.arbitrary()?),
+            *value = match next(u)? {
+                0 => f32::from_le_bytes([next(u)?, next(u)?, next(u)?, next(u)?]),
                 1 => f32::INFINITY,
                 2 => f32::NAN,
                 small => f32::from(small - 3) / 16.0,
             };
         }
         for value in &mut planes.interface {
-            *value = u.arbitrary()?;
+            *value = next(u)? % 8;
         }
     }
     Ok(tree)
@@ -78,7 +90,10 @@ pub fn encode(shape: &FrameShape, tree: &mut Tree) -> Vec<Vec<u8>> {
 }
 
 /// Decodes strips, in whichever order they come, into a tree full of leftovers.
-pub fn decode<'a>(shape: &FrameShape, strips: impl IntoIterator<Item = &'a [u8]>) -> std::result::Result<Tree, DecodeError> {
+pub fn decode<'a>(
+    shape: &FrameShape,
+    strips: impl IntoIterator<Item = &'a [u8]>,
+) -> std::result::Result<Tree, DecodeError> {
     let mut tree = Tree::new(Pose::IDENTITY, shape.camera, shape.plan.clone(), shape.interfaces.clone());
     for planes in &mut tree.nodes {
         planes.interface.fill(255);

@@ -37,7 +37,7 @@ pub(crate) fn unpack(bytes: &[u8], width: usize, pixels: usize, defined: &mut Ve
         for &byte in &row[..width / 8] {
             defined.extend_from_slice(&[0, 1, 2, 3, 4, 5, 6, 7].map(|bit| byte >> bit & 1 == 1));
         }
-        if width % 8 != 0 {
+        if !width.is_multiple_of(8) {
             let last = row[row_bytes - 1];
             defined.extend((0..width % 8).map(|bit| last >> bit & 1 == 1));
             if last >> (width % 8) != 0 {

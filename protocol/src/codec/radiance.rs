@@ -66,7 +66,13 @@ pub(crate) struct Dequantiser {
 
 impl Dequantiser {
     /// Writes the radiance of a plane of codes.
-    pub(crate) fn dequantise(&mut self, color: ColorFormat, white: f32, codes: &[Vec<u32>; 3], planes: &mut NodeRows<'_>) {
+    pub(crate) fn dequantise(
+        &mut self,
+        color: ColorFormat,
+        white: f32,
+        codes: &[Vec<u32>; 3],
+        planes: &mut NodeRows<'_>,
+    ) {
         let mask = mask(color);
         if self.of != Some((color, white)) {
             self.values.clear();

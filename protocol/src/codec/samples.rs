@@ -27,7 +27,7 @@ pub enum Packing {
     Bytes,
 }
 
-/// Residuals per run; each run spends [`WIDTH_BITS`] on its width.
+/// Residuals per run; each run spends `WIDTH_BITS` on its width.
 const RUN: usize = 16;
 const WIDTH_BITS: usize = 5;
 
@@ -224,7 +224,13 @@ pub fn pack(residuals: &[u32], bits: usize, packing: Packing, bytes: Vec<u8>) ->
 
 /// Reads `count` residuals of `bits` from the front of `bytes` and returns what follows them; `None` where
 /// the bytes end early or a residual is wider than `bits`.
-pub fn unpack<'a>(bytes: &'a [u8], count: usize, bits: usize, packing: Packing, residuals: &mut Vec<u32>) -> Option<&'a [u8]> {
+pub fn unpack<'a>(
+    bytes: &'a [u8],
+    count: usize,
+    bits: usize,
+    packing: Packing,
+    residuals: &mut Vec<u32>,
+) -> Option<&'a [u8]> {
     residuals.clear();
     residuals.reserve(count);
     match packing {
@@ -374,7 +380,8 @@ mod tests {
     #[test]
     fn a_tilted_plane_costs_nothing_but_its_edges() {
         let width = 64;
-        let mut codes: Vec<u32> = (0..64 * 64).map(|index| 1000 + 3 * (index % width) as u32 + 7 * (index / width) as u32).collect();
+        let mut codes: Vec<u32> =
+            (0..64 * 64).map(|index| 1000 + 3 * (index % width) as u32 + 7 * (index / width) as u32).collect();
         let mut residuals = Vec::new();
         predict(&mut codes, width, 16, Predictor::Gradient, None, &mut residuals);
         for (index, &residual) in residuals.iter().enumerate() {

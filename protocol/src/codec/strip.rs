@@ -108,14 +108,7 @@ impl StripEncoder {
         self.defined.extend(planes.distance.iter().map(|&distance| distance != UNDEFINED));
     }
 
-    fn encode_plane(
-        &mut self,
-        shape: &FrameShape,
-        rows: &TreeRows<'_>,
-        node: u8,
-        kind: PlaneKind,
-        out: &mut Vec<u8>,
-    ) {
+    fn encode_plane(&mut self, shape: &FrameShape, rows: &TreeRows<'_>, node: u8, kind: PlaneKind, out: &mut Vec<u8>) {
         let index = usize::from(node);
         let planes = &rows.nodes[index];
         let width = shape.camera.size.width as usize;
@@ -215,8 +208,7 @@ impl StripDecoder {
         if StripDecoder::rows(shape, strip)? != rows.rows || !have_shape(rows, shape) {
             return Err(DecodeError::Malformed { field: "rows of strip", expected: "the rows asked for" });
         }
-        let (header, mut rest) =
-            strip.split_first_chunk().ok_or(DecodeError::Truncated { field: "strip header" })?;
+        let (header, mut rest) = strip.split_first_chunk().ok_or(DecodeError::Truncated { field: "strip header" })?;
         let planes = shape.planes();
         if StripHeader::from_bytes(header).planes != planes.len() {
             let expected = "as many as the plan calls for";
@@ -228,16 +220,14 @@ impl StripDecoder {
         self.depth.begin(&shape.camera, rows.rows.clone());
         let mut sizes = Vec::with_capacity(planes.len());
         for (node, kind, _) in planes {
-            let (header, behind) =
-                rest.split_first_chunk().ok_or(DecodeError::Truncated { field: "plane header" })?;
+            let (header, behind) = rest.split_first_chunk().ok_or(DecodeError::Truncated { field: "plane header" })?;
             let header = PlaneHeader::from_bytes(header)?;
             if header.node != node || header.kind != kind {
                 let expected = "pre-order, each kind once";
                 return Err(DecodeError::Malformed { field: "order of planes", expected });
             }
             let bytes = header.payload_bytes as usize;
-            let (payload, behind) =
-                behind.split_at_checked(bytes).ok_or(DecodeError::Truncated { field: "plane" })?;
+            let (payload, behind) = behind.split_at_checked(bytes).ok_or(DecodeError::Truncated { field: "plane" })?;
             self.decode_plane(shape, rows, &header, payload)?;
             sizes.push(PlaneBytes { node, kind, bytes: PlaneHeader::BYTES + bytes });
             rest = behind;

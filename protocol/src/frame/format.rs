@@ -19,7 +19,8 @@ pub enum ColorFormat {
 
 impl ColorFormat {
     /// Every format, by wire code.
-    pub const ALL: [ColorFormat; 4] = [ColorFormat::Linear8, ColorFormat::Root8, ColorFormat::Root10, ColorFormat::Half];
+    pub const ALL: [ColorFormat; 4] =
+        [ColorFormat::Linear8, ColorFormat::Root8, ColorFormat::Root10, ColorFormat::Half];
 
     /// Bits per channel.
     pub const fn bits(self) -> usize {

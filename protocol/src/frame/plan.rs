@@ -112,7 +112,8 @@ impl Plan {
 
     /// The child of `parent` whose light arrives by `arrival`.
     pub fn child(&self, parent: usize, arrival: Arrival) -> Option<usize> {
-        (1..self.nodes.len()).find(|&index| usize::from(self.nodes[index].parent) == parent && self.nodes[index].arrival == arrival)
+        (1..self.nodes.len())
+            .find(|&index| usize::from(self.nodes[index].parent) == parent && self.nodes[index].arrival == arrival)
     }
 
     /// Whether a node has children, and so carries interfaces and normals.
@@ -137,7 +138,10 @@ impl Plan {
         if node == 0 {
             return "D".to_owned();
         }
-        self.path(node)[1..].iter().map(|&step| if self.nodes[step].arrival == Arrival::Reflected { 'R' } else { 'F' }).collect()
+        self.path(node)[1..]
+            .iter()
+            .map(|&step| if self.nodes[step].arrival == Arrival::Reflected { 'R' } else { 'F' })
+            .collect()
     }
 
     /// Long name of a node, as planes are named in reports: root, reflect, refract.refract.

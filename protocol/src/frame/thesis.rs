@@ -59,7 +59,14 @@ pub fn encode_thesis(tree: &Tree, white: f32, near_m: f32) -> Vec<u8> {
 }
 
 /// Reads what [`encode_thesis`] wrote. The tree has no normals; deeper nodes show the interface of the root.
-pub fn decode_thesis(bytes: &[u8], camera: Camera, plan: Plan, interfaces: Interfaces, white: f32, near_m: f32) -> Result<Tree, ThesisError> {
+pub fn decode_thesis(
+    bytes: &[u8],
+    camera: Camera,
+    plan: Plan,
+    interfaces: Interfaces,
+    white: f32,
+    near_m: f32,
+) -> Result<Tree, ThesisError> {
     let expected = thesis_bits(&camera, &plan, &interfaces).div_ceil(8);
     let length = ThesisError::Length { found: bytes.len(), expected };
     if bytes.len() != expected {
@@ -157,7 +164,9 @@ mod tests {
         }
         assert_eq!(back.nodes[0].interface, tree.nodes[0].interface);
         for end in 0..bytes.len() {
-            assert!(decode_thesis(&bytes[..end], camera, tree.plan.clone(), tree.interfaces.clone(), 1.0, 0.5).is_err());
+            assert!(
+                decode_thesis(&bytes[..end], camera, tree.plan.clone(), tree.interfaces.clone(), 1.0, 0.5).is_err()
+            );
         }
     }
 }

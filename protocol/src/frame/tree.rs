@@ -159,7 +159,10 @@ impl Tree {
         let band_pixels = rows_per_band as usize * self.camera.size.width as usize;
         let starts = (0..height).step_by(rows_per_band as usize);
         let mut bands: Vec<TreeRows<'_>> = starts
-            .map(|start| TreeRows { rows: start..(start + rows_per_band).min(height), nodes: Vec::with_capacity(self.nodes.len()) })
+            .map(|start| TreeRows {
+                rows: start..(start + rows_per_band).min(height),
+                nodes: Vec::with_capacity(self.nodes.len()),
+            })
             .collect();
         for planes in &mut self.nodes {
             let [red, green, blue] = &mut planes.radiance;

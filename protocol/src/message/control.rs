@@ -54,11 +54,7 @@ impl Capabilities {
 
     fn check(self) -> Result<(), DecodeError> {
         let reserved = self.0 & !Capabilities::ALL.0;
-        if reserved == 0 {
-            Ok(())
-        } else {
-            Err(DecodeError::Unsupported { field: "capability bits", found: reserved })
-        }
+        if reserved == 0 { Ok(()) } else { Err(DecodeError::Unsupported { field: "capability bits", found: reserved }) }
     }
 }
 
@@ -81,13 +77,19 @@ impl Hello {
     pub(super) fn check(&self) -> Result<(), DecodeError> {
         self.capabilities.check()?;
         if !self.camera.is_valid() {
-            return Err(DecodeError::Malformed { field: "camera", expected: "a size of 1 to 8192 pixels and a frustum that is not empty" });
+            return Err(DecodeError::Malformed {
+                field: "camera",
+                expected: "a size of 1 to 8192 pixels and a frustum that is not empty",
+            });
         }
         if !(0.01..=1000.0).contains(&self.frame_hz) {
             return Err(DecodeError::Malformed { field: "frame rate", expected: "0.01 to 1000 Hz" });
         }
         if !self.format.is_valid() {
-            return Err(DecodeError::Malformed { field: "format", expected: "depth of 8 to 24 bits and normals of 6 to 16" });
+            return Err(DecodeError::Malformed {
+                field: "format",
+                expected: "depth of 8 to 24 bits and normals of 6 to 16",
+            });
         }
         Ok(())
     }
@@ -235,7 +237,8 @@ pub enum ErrorCode {
 
 impl ErrorCode {
     pub(super) fn from_wire(code: u16) -> ErrorCode {
-        let known = [ErrorCode::Version, ErrorCode::Protocol, ErrorCode::Limit, ErrorCode::Timeout, ErrorCode::Internal];
+        let known =
+            [ErrorCode::Version, ErrorCode::Protocol, ErrorCode::Limit, ErrorCode::Timeout, ErrorCode::Internal];
         known.into_iter().find(|&known| known as u16 == code).unwrap_or(ErrorCode::Unknown)
     }
 }

@@ -40,7 +40,7 @@ pub(super) fn write_poses(samples: &[PoseSample], out: &mut Vec<u8>) {
 
 pub(super) fn read_poses(payload: &[u8]) -> Result<Vec<PoseSample>, DecodeError> {
     let count = payload.len() / SAMPLE_BYTES;
-    if payload.len() % SAMPLE_BYTES != 0 {
+    if !payload.len().is_multiple_of(SAMPLE_BYTES) {
         return Err(DecodeError::Truncated { field: "pose" });
     }
     if count > MAX_POSE_SAMPLES {

@@ -1,7 +1,7 @@
 //! The messages of a session, and their bytes.
 //!
 //! What travels with every frame or pose is packed by hand (tables in `docs/wire-format.md`); what travels
-//! seldom is bincode, confined to [`control`]. The head of a hello and the whole of an error never change
+//! seldom is bincode, confined to `control`. The head of a hello and the whole of an error never change
 //! between versions, so that two versions can tell each other that they are two.
 
 mod control;
@@ -162,7 +162,7 @@ impl Message {
             Message::Ping(time) | Message::Pong(time) => out.extend_from_slice(&time.micros.to_le_bytes()),
             Message::Error { code, text } => {
                 out.extend_from_slice(&(*code as u16).to_le_bytes());
-                out.extend_from_slice(&text.as_bytes()[..text.floor_char_boundary(MAX_ERROR_TEXT_BYTES)]);
+                out.extend_from_slice(&text.as_bytes()[..error_text_bytes(text)]);
             }
             Message::Bye => {}
         }
@@ -199,6 +199,12 @@ impl Message {
             MessageKind::Bye => return Err(DecodeError::Malformed { field: "bye", expected: "no payload" }),
         })
     }
+}
+
+/// As many bytes of an error's text as travel: whole characters.
+fn error_text_bytes(text: &str) -> usize {
+    let longest = text.len().min(MAX_ERROR_TEXT_BYTES);
+    (0..=longest).rev().find(|&end| text.is_char_boundary(end)).unwrap_or(0)
 }
 
 fn read_hello(payload: &[u8]) -> Result<Hello, DecodeError> {

@@ -103,8 +103,8 @@ impl Shape {
 /// The hierarchy over all shapes of a scene.
 pub struct Accel {
     hierarchy: CwBvh,
-    /// Units of the traversal per metre, see [`UNITS_PER_REACH`].
-    units_per_m: f32,
+    /// Scale of the hierarchy's space: the scene's reach becomes 1 to 2 there.
+    hierarchy_from_world: f32,
     /// In the order of the leaves, for locality.
     shapes: Vec<Shape>,
     /// Primitive id of each shape.
@@ -115,10 +115,10 @@ pub struct Accel {
 /// the slab test, and one in the padding itself. Less leaks between boxes, more costs traversal steps.
 const BOX_PADDING: f32 = 4.0 * f32::EPSILON;
 
-/// The traversal passes over boxes nearer than 1e-4 of its units (a constant in obvhs), which would be a
-/// tenth of a millimetre and much of a small scene. So it counts in units of a millionth of the scene's
-/// reach: then that is 1e-10 of it, less than any rounding.
-const UNITS_PER_REACH: f32 = 1e6;
+/// Units of distance of the traversal per unit of the hierarchy's space. The traversal passes over boxes
+/// nearer than 1e-4 of its units (a constant in obvhs); so that becomes 1e-16 of the scene's reach, less than
+/// any rounding.
+const TRAVERSAL_UNITS: f32 = 1e12;
 
 /// Shapes per leaf, the most that the nodes hold: measured fastest.
 const LEAF_SHAPES: u32 = 3;
@@ -128,20 +128,23 @@ impl Accel {
     pub fn new(scene: &Scene) -> Accel {
         let shapes = Shape::all(scene);
         if shapes.is_empty() {
-            return Accel { hierarchy: CwBvh::default(), units_per_m: 1.0, shapes, primitives: Vec::new() };
+            return Accel { hierarchy: CwBvh::default(), hierarchy_from_world: 1.0, shapes, primitives: Vec::new() };
         }
         let bounds: Vec<(Vec3, Vec3)> = shapes.iter().map(Shape::bounds).collect();
         let reach = bounds.iter().fold(0.0_f32, |reach, (min, max)| reach.max(min.abs().max(max.abs()).max_element()));
-        let padding = Vec3A::splat(reach * BOX_PADDING);
+        // A power of two, so that scaling rounds nothing; obvhs has absolute tolerances that suit this space.
+        let hierarchy_from_world = (-reach.max(f32::MIN_POSITIVE).log2().floor()).clamp(-60.0, 60.0).exp2();
+        let padding = reach * BOX_PADDING;
+        let to_hierarchy = |point: Vec3| Vec3A::from(point * hierarchy_from_world);
         let boxes: Vec<Aabb> = bounds
             .iter()
-            .map(|&(min, max)| Aabb::new(Vec3A::from(min) - padding, Vec3A::from(max) + padding))
+            .map(|&(min, max)| Aabb::new(to_hierarchy(min - padding), to_hierarchy(max + padding)))
             .collect();
         let params = BvhBuildParams { max_prims_per_leaf: LEAF_SHAPES, ..BvhBuildParams::slow_build() };
         let hierarchy = build_cwbvh(&boxes, params, &mut Duration::default());
         let primitives = hierarchy.primitive_indices.clone();
         let shapes = primitives.iter().map(|&primitive| shapes[primitive as usize]).collect();
-        Accel { hierarchy, units_per_m: UNITS_PER_REACH / reach.max(f32::MIN_POSITIVE), shapes, primitives }
+        Accel { hierarchy, hierarchy_from_world, shapes, primitives }
     }
 
     /// The first surface along the ray.
@@ -155,7 +158,7 @@ impl Accel {
             };
             nearest = distance;
             closest = Some(Hit { distance, primitive: self.primitives[index], barycentrics });
-            distance * self.units_per_m
+            distance * self.traversal_units_per_m()
         });
         closest
     }
@@ -169,27 +172,26 @@ impl Accel {
         })
     }
 
-    /// The ray as the traversal wants it. Inverse components stay finite, so that a ray within a slab's plane
-    /// gives 0 there and not `0 * inf`; -0 counts as positive, as it does in obvhs.
+    /// The ray in the hierarchy's space, with distances in the units of the traversal. Inverse components
+    /// stay finite, so that a ray within a slab's plane gives 0 there and not `0 * inf`; -0 counts as
+    /// positive, as it does in obvhs.
     fn traversal_ray(&self, ray: &Ray, max_distance: f32) -> obvhs::ray::Ray {
         const SMALLEST: f32 = 1e-18;
         let inverse = |d: f32| {
-            let d = if d.abs() >= SMALLEST {
-                d
-            } else if d < 0.0 {
-                -SMALLEST
-            } else {
-                SMALLEST
-            };
-            self.units_per_m / d
+            let away_from_zero = if d < 0.0 { d.min(-SMALLEST) } else { d.max(SMALLEST) };
+            TRAVERSAL_UNITS / away_from_zero
         };
         obvhs::ray::Ray {
-            origin: ray.origin.into(),
+            origin: (ray.origin * self.hierarchy_from_world).into(),
             direction: ray.direction.into(),
             inv_direction: ray.direction.to_array().map(inverse).into(),
             tmin: 0.0,
-            tmax: max_distance * self.units_per_m,
+            tmax: max_distance * self.traversal_units_per_m(),
         }
+    }
+
+    fn traversal_units_per_m(&self) -> f32 {
+        self.hierarchy_from_world * TRAVERSAL_UNITS
     }
 }
 

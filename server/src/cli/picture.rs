@@ -55,6 +55,11 @@ impl WholeFile {
             .with_context(|| format!("{}: cannot be written", self.path.display()))
     }
 
+    /// Writes bytes as they are.
+    pub(super) fn write_bytes(self, bytes: &[u8]) -> Result<()> {
+        self.finish(|path| Ok(std::fs::write(path, bytes)?))
+    }
+
     /// Writes linear RGB as OpenEXR.
     pub(super) fn write_exr(self, image: &Image) -> Result<()> {
         let planes = rgb_planes("", &image.radiance);

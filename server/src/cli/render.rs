@@ -9,14 +9,14 @@ use crate::frame::{FrameRenderer, FrameRequest};
 use crate::integrator::PathTracer;
 use crate::scene::Scene;
 use anyhow::{anyhow, bail};
-use clap::Args;
+use clap::{Args, ValueEnum};
 use glam::{DQuat, DVec3};
 use indicatif::{ProgressBar, ProgressStyle};
 use std::ops::ControlFlow;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
-use warplight_protocol::frame::{Interfaces, Tree};
+use warplight_protocol::frame::{Interfaces, Tree, encode_thesis};
 use warplight_protocol::{Camera, ImageSize, Pose};
 
 /// Arguments of `render`.
@@ -51,9 +51,19 @@ pub(super) struct RenderArgs {
     /// Write all planes of the ray-tree frame (.exr only).
     #[arg(long)]
     tree: bool,
+    /// With --tree: write the frame as the thesis sends it, uncompressed: P (40 N + D + M) + 192 bits.
+    #[arg(long, value_enum, value_name = "FORMAT", requires = "tree")]
+    format: Option<TreeFormat>,
     /// Print figures as one JSON document.
     #[arg(long)]
     json: bool,
+}
+
+/// Forms of a ray-tree frame other than OpenEXR.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum TreeFormat {
+    /// The raw bits of Lochmann's thesis, 3.2.4.
+    Thesis,
 }
 
 /// What a rendering took.
@@ -65,7 +75,11 @@ struct Figures {
 
 /// Renders and writes the file.
 pub(super) fn run(args: &RenderArgs) -> Result<(), Failure> {
-    let kind = PictureKind::of(&args.out).map_err(Failure::Input)?;
+    // The thesis's bits are no picture: their file may be named as one likes.
+    let kind = match args.format {
+        Some(TreeFormat::Thesis) => PictureKind::Exr,
+        None => PictureKind::of(&args.out).map_err(Failure::Input)?,
+    };
     if args.tree && kind != PictureKind::Exr {
         return Err(Failure::input(anyhow!(
             "{}: --tree writes planes of floats: expected a path that ends in .exr",
@@ -147,7 +161,7 @@ fn render_tree(
     counters: &Counters,
     file: WholeFile,
 ) -> Result<Figures, Failure> {
-    let plan = plan_of(&scene);
+    let (plan, exposure) = (plan_of(&scene), scene.exposure);
     let renderer = FrameRenderer::new(scene);
     let mut tree = Tree::new(pose, camera, plan.clone(), Interfaces::default());
     let request =
@@ -157,7 +171,15 @@ fn render_tree(
     renderer.render(&request, &mut tree, counters, &|band| bar.inc(u64::from(band.rows.end - band.rows.start)));
     let elapsed = start.elapsed();
     bar.finish_and_clear();
-    file.write_tree(&tree).map_err(Failure::Runtime)?;
+    match args.format {
+        None => file.write_tree(&tree),
+        Some(TreeFormat::Thesis) => {
+            let finite = tree.nodes.iter().flat_map(|node| &node.distance).filter(|distance| **distance > 0.0);
+            let near_m = finite.copied().fold(f32::MAX, f32::min);
+            file.write_bytes(&encode_thesis(&tree, 1.0 / exposure, near_m))
+        }
+    }
+    .map_err(Failure::Runtime)?;
     Ok(Figures { spp: args.spp, elapsed, standard_error: None })
 }
 

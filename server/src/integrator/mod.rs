@@ -12,6 +12,7 @@
 
 mod boundary;
 mod emitters;
+mod irradiance;
 mod lambert;
 mod path;
 #[cfg(test)]
@@ -22,6 +23,7 @@ mod surroundings;
 mod tests;
 
 pub(crate) use boundary::{Boundary, Medium, interface_of};
+pub(crate) use irradiance::Gather;
 pub(crate) use path::{SpecularEvents, Vertex};
 
 use crate::accel::Accel;

@@ -13,7 +13,7 @@ use glam::Vec3;
 use std::f32::consts::FRAC_1_PI;
 
 /// Segments before Russian roulette begins: shorter paths carry most of the light.
-const ROULETTE_AFTER: u32 = 4;
+pub(super) const ROULETTE_AFTER: u32 = 4;
 /// Most likely survival: bounds the length of a path in a closed white room.
 const MAX_SURVIVAL: f32 = 0.95;
 /// Part of a light's distance within which nothing counts as in its way: the roundings of its own position.
@@ -33,6 +33,23 @@ pub(crate) struct Vertex {
     pub(crate) segments: u32,
 }
 
+impl Vertex {
+    /// 1 where the ray met the outside of its surface, -1 inside.
+    fn side(&self) -> f32 {
+        if self.direction.dot(self.point.geometric_normal) < 0.0 { 1.0 } else { -1.0 }
+    }
+
+    /// The shading normal on the side that the ray met.
+    pub(crate) fn lit_normal(&self) -> Vec3 {
+        self.side() * self.point.shading_normal
+    }
+
+    /// Whether a direction leaves to the side that the ray met.
+    fn is_above(&self, direction: Vec3) -> bool {
+        direction.dot(self.point.geometric_normal) * self.side() > 0.0
+    }
+}
+
 /// Specular events that a vertex evaluates itself.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct SpecularEvents {
@@ -46,7 +63,7 @@ impl SpecularEvents {
 
 /// How a path came to where it is: what decides the weight of a light that it meets there.
 #[derive(Clone, Copy)]
-enum Arrival {
+pub(super) enum Arrival {
     /// From the eye or a specular surface: nothing else could have found the light.
     Certain,
     /// In a direction drawn with this density at a diffuse point, where lights were drawn, too.
@@ -54,12 +71,12 @@ enum Arrival {
 }
 
 /// What a surface sends on: the next ray of the path.
-struct Scattered {
-    ray: Ray,
+pub(super) struct Scattered {
+    pub(super) ray: Ray,
     /// Factor on what arrives by it, over its probability.
-    weight: Vec3,
-    medium: Medium,
-    arrival: Arrival,
+    pub(super) weight: Vec3,
+    pub(super) medium: Medium,
+    pub(super) arrival: Arrival,
     /// Squared relative index of the medium entered; 1 otherwise.
     eta2: f32,
 }
@@ -138,7 +155,7 @@ impl PathTracer {
     }
 
     /// Emission towards the ray that met the vertex, with its weight against next-event estimation.
-    fn emitted(&self, vertex: &Vertex, arrival: Arrival) -> Vec3 {
+    pub(super) fn emitted(&self, vertex: &Vertex, arrival: Arrival) -> Vec3 {
         let emission = self.emission(&vertex.point, vertex.direction);
         match arrival {
             Arrival::Drawn { from, pdf } if emission != Vec3::ZERO => {
@@ -150,7 +167,7 @@ impl PathTracer {
     }
 
     /// Radiance emitted at a point against `direction`.
-    fn emission(&self, point: &SurfacePoint, direction: Vec3) -> Vec3 {
+    pub(crate) fn emission(&self, point: &SurfacePoint, direction: Vec3) -> Vec3 {
         let material = &self.scene.materials[point.material as usize];
         if material.emission.is_black() || !(material.emission_two_sided || direction.dot(point.geometric_normal) < 0.0)
         {
@@ -160,7 +177,7 @@ impl PathTracer {
     }
 
     /// Weight of the environment against drawing it.
-    fn weight_of_escape(&self, direction: Vec3, arrival: Arrival) -> f32 {
+    pub(super) fn weight_of_escape(&self, direction: Vec3, arrival: Arrival) -> f32 {
         match (arrival, &self.surroundings) {
             (Arrival::Drawn { pdf, .. }, Some(surroundings)) => {
                 balance(pdf, (1.0 - self.emitter_part()) * surroundings.pdf(direction))
@@ -179,7 +196,7 @@ impl PathTracer {
     }
 
     /// One of the specular events that are evaluated here, by its Fresnel weight.
-    fn scatter_specular(
+    pub(super) fn scatter_specular(
         &self,
         vertex: &Vertex,
         boundary: &Boundary,
@@ -221,40 +238,55 @@ impl PathTracer {
         sampler: &mut Sampler,
         counts: &mut RayCounts,
     ) -> Option<Scattered> {
-        let point = &vertex.point;
-        let Surface::Diffuse { albedo } = &self.scene.materials[point.material as usize].surface else {
+        let Surface::Diffuse { albedo } = &self.scene.materials[vertex.point.material as usize].surface else {
             return None;
         };
         if albedo.is_black() {
             return None;
         }
-        let albedo = albedo.at(&self.scene.textures, point.uv);
-        let side = if vertex.direction.dot(point.geometric_normal) < 0.0 { 1.0 } else { -1.0 };
-        let normal = side * point.shading_normal;
-        let above = |direction: Vec3| direction.dot(point.geometric_normal) * side > 0.0;
+        let albedo = albedo.at(&self.scene.textures, vertex.point.uv);
+        *radiance += throughput * albedo * self.direct_light(vertex, sampler, counts);
+        let scattered = self.scatter_cosine(vertex, sampler, counts)?;
+        Some(Scattered { weight: albedo, ..scattered })
+    }
 
-        let drawn = self.draw_light(point, sampler).filter(|light| above(light.direction));
-        if let Some(light) = drawn {
-            let cosine = normal.dot(light.direction);
-            if cosine > 0.0 {
-                counts.shadow += 1;
-                let ray = Ray { origin: light.origin, direction: light.direction };
-                if !self.accel.occluded(&ray, light.distance * SHADOW_END) {
-                    let weight =
-                        balance(light.pdf, pdf_cosine(normal, light.direction)) * cosine * FRAC_1_PI / light.pdf;
-                    *radiance +=
-                        throughput * albedo * light.radiance * vertex.medium.transmittance(light.distance) * weight;
-                }
-            }
+    /// One sample of the irradiance over pi that comes straight from the lights, weighted against meeting them
+    /// by [`PathTracer::scatter_cosine`].
+    pub(super) fn direct_light(&self, vertex: &Vertex, sampler: &mut Sampler, counts: &mut RayCounts) -> Vec3 {
+        let Some(light) = self.draw_light(&vertex.point, sampler).filter(|light| vertex.is_above(light.direction))
+        else {
+            return Vec3::ZERO;
+        };
+        let normal = vertex.lit_normal();
+        let cosine = normal.dot(light.direction);
+        if cosine <= 0.0 {
+            return Vec3::ZERO;
         }
+        counts.shadow += 1;
+        let ray = Ray { origin: light.origin, direction: light.direction };
+        if self.accel.occluded(&ray, light.distance * SHADOW_END) {
+            return Vec3::ZERO;
+        }
+        let weight = balance(light.pdf, pdf_cosine(normal, light.direction)) * cosine * FRAC_1_PI / light.pdf;
+        light.radiance * vertex.medium.transmittance(light.distance) * weight
+    }
 
+    /// A direction drawn by the cosine about a diffuse vertex; its weight is without the albedo.
+    pub(super) fn scatter_cosine(
+        &self,
+        vertex: &Vertex,
+        sampler: &mut Sampler,
+        counts: &mut RayCounts,
+    ) -> Option<Scattered> {
+        let normal = vertex.lit_normal();
         let direction = sample_cosine(normal, sampler.pair());
-        if !above(direction) {
+        if !vertex.is_above(direction) {
             return None;
         }
         counts.diffuse += 1;
-        let arrival = Arrival::Drawn { from: point.position, pdf: pdf_cosine(normal, direction) };
-        Some(Scattered { ray: point.leave(direction), weight: albedo, medium: vertex.medium, arrival, eta2: 1.0 })
+        let arrival = Arrival::Drawn { from: vertex.point.position, pdf: pdf_cosine(normal, direction) };
+        let ray = vertex.point.leave(direction);
+        Some(Scattered { ray, weight: Vec3::ONE, medium: vertex.medium, arrival, eta2: 1.0 })
     }
 
     /// Next-event estimation: a light that may be seen from the point.

@@ -8,9 +8,11 @@
 //! Freshness: a frame is rendered only for a pose that is new; at most [`MAX_UNACKNOWLEDGED`] live frames are
 //! under way; a frame that has not begun to be sent is replaced by the next, never queued behind it.
 
+mod cost;
 mod outbox;
 
 use crate::predict::Predictor;
+use cost::FrameCost;
 use outbox::Outbox;
 use std::collections::VecDeque;
 use std::time::Duration;
@@ -34,6 +36,9 @@ pub const MAX_HORIZON: Duration = Duration::from_millis(100);
 const MAX_STILLS: usize = 64;
 /// Share of a new measurement in the running latency.
 const LATENCY_GAIN: f64 = 0.2;
+
+/// Pixels that [`RenderJob::samples_per_1024_px`] counts for.
+const PIXELS_PER_UNIT: f64 = 1024.0;
 
 /// How many samples each pixel of a live frame gets.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -74,8 +79,10 @@ pub struct SessionConfig {
 pub struct RenderJob {
     /// Its head, as it will be sent.
     pub begin: FrameBegin,
-    /// Samples per pixel.
+    /// Samples per pixel, rounded up.
     pub spp: u32,
+    /// The same as a fraction: a frame from the cache may have less than one per pixel.
+    pub samples_per_1024_px: u32,
 }
 
 /// Why a session is over.
@@ -113,7 +120,7 @@ pub struct ServerSession {
     next_ping: Timestamp,
     last_heard: Timestamp,
     latency_secs: f64,
-    millis_per_sample: Option<f64>,
+    cost: FrameCost,
     statistics: Statistics,
 }
 
@@ -121,6 +128,7 @@ pub struct ServerSession {
 struct Rendering {
     id: FrameId,
     is_live: bool,
+    samples_per_1024_px: u32,
     end: FrameEnd,
 }
 
@@ -143,7 +151,7 @@ impl ServerSession {
             next_ping: now + KEEP_ALIVE,
             last_heard: now,
             latency_secs: 0.0,
-            millis_per_sample: None,
+            cost: FrameCost::default(),
             statistics: Statistics::default(),
         }
     }
@@ -194,7 +202,11 @@ impl ServerSession {
             Message::StillRequest(request) => self.stills.push_back(request),
             Message::Ping(time) => self.outbox.push_control(Message::Pong(time)),
             Message::Pong(_) => {}
-            Message::Welcome(_) | Message::FrameBegin(_) | Message::Strip(_) | Message::FrameEnd(_) | Message::Statistics(_) => {
+            Message::Welcome(_)
+            | Message::FrameBegin(_)
+            | Message::Strip(_)
+            | Message::FrameEnd(_)
+            | Message::Statistics(_) => {
                 return expected("only what a client says");
             }
         }
@@ -232,16 +244,18 @@ impl ServerSession {
             return None;
         }
         let hello = self.hello.clone()?;
-        let (purpose, pose, horizon, spp) = if self.live_frame_is_due(now) {
+        let (purpose, pose, horizon, samples_per_1024_px) = if self.live_frame_is_due(now) {
             let horizon = Duration::from_secs_f64(self.latency_secs).min(MAX_HORIZON);
             self.rendered_pose = self.predictor.latest_time();
             let interval = Duration::from_secs_f64(1.0 / f64::from(hello.frame_hz));
             // Missed beats are not made up for.
-            self.next_frame_due = if now.since(self.next_frame_due) > interval { now + interval } else { self.next_frame_due + interval };
+            self.next_frame_due =
+                if now.since(self.next_frame_due) > interval { now + interval } else { self.next_frame_due + interval };
             (FramePurpose::Live, self.predictor.predict(horizon)?, horizon, self.live_samples())
         } else if self.outbox.is_idle() {
             let still = self.stills.pop_front()?;
-            (FramePurpose::Still(still.number), still.pose, Duration::ZERO, still.spp.clamp(1, self.config.max_still_spp))
+            let spp = still.spp.clamp(1, self.config.max_still_spp);
+            (FramePurpose::Still(still.number), still.pose, Duration::ZERO, spp.saturating_mul(1024))
         } else {
             return None;
         };
@@ -251,8 +265,9 @@ impl ServerSession {
         // The pose as it travels, so that both ends hold the same numbers.
         let render_pose = pose.to_wire().and_then(|bytes| Pose::from_wire(&bytes))?;
         let pose_received = if is_live { self.pose_received } else { now };
+        let spp = samples_per_1024_px.div_ceil(1024);
         let end = FrameEnd { id, pose_received, render_start: now, render_end: now, encoded: now, sent: now, spp };
-        self.rendering = Some(Rendering { id, is_live, end });
+        self.rendering = Some(Rendering { id, is_live, samples_per_1024_px, end });
         let begin = FrameBegin {
             id,
             purpose,
@@ -262,7 +277,7 @@ impl ServerSession {
             shape: self.shape_for(&hello, purpose),
         };
         self.outbox.prepare(begin.clone());
-        Some(RenderJob { begin, spp })
+        Some(RenderJob { begin, spp, samples_per_1024_px })
     }
 
     /// A live frame would replace whatever waits to be sent, so it waits itself until a still has left.
@@ -270,13 +285,16 @@ impl ServerSession {
         now >= self.next_frame_due && self.predictor.latest_time() > self.rendered_pose && !self.outbox.holds_still()
     }
 
+    /// Samples per 1024 pixels of the next live frame.
     fn live_samples(&self) -> u32 {
-        const MOST: f64 = 4096.0;
+        const MOST: f64 = 4096.0 * PIXELS_PER_UNIT;
+        const FIRST: f64 = 0.1 * PIXELS_PER_UNIT;
+        // So that light is still followed where time is short.
+        const LEAST: f64 = PIXELS_PER_UNIT / 64.0;
         match self.config.samples {
-            SampleBudget::Samples(spp) => spp.max(1),
+            SampleBudget::Samples(spp) => spp.max(1).saturating_mul(PIXELS_PER_UNIT as u32),
             SampleBudget::Time(budget) => {
-                let cost = self.millis_per_sample.unwrap_or(f64::INFINITY);
-                (budget.as_secs_f64() * 1e3 / cost).clamp(1.0, MOST) as u32
+                self.cost.samples_within(budget.as_secs_f64() * 1e3, FIRST).clamp(LEAST, MOST) as u32
             }
         }
     }
@@ -293,7 +311,13 @@ impl ServerSession {
     }
 
     /// The frame is rendered and its last strip handed over. `counters` are totals of the session.
-    pub fn on_render_end(&mut self, now: Timestamp, frame: FrameId, render_end: Timestamp, counters: Vec<(String, u64)>) {
+    pub fn on_render_end(
+        &mut self,
+        now: Timestamp,
+        frame: FrameId,
+        render_end: Timestamp,
+        counters: Vec<(String, u64)>,
+    ) {
         let Some(mut rendering) = self.rendering.take().filter(|rendering| rendering.id == frame) else {
             return;
         };
@@ -301,7 +325,7 @@ impl ServerSession {
         rendering.end.encoded = now;
         if rendering.is_live {
             let millis = now.since(rendering.end.render_start).as_secs_f64() * 1e3;
-            self.millis_per_sample = Some((millis / f64::from(rendering.end.spp)).max(1e-3));
+            self.cost.measure(f64::from(rendering.samples_per_1024_px), millis);
             self.statistics.frames_rendered += 1;
         }
         self.statistics.counters = counters;

@@ -83,7 +83,8 @@ fn the_latest_frame_replaces_one_that_was_not_sent() {
         pose(&mut session, at(100 * frame + 1));
         assert!(render(&mut session, at(100 * frame + 1)).is_some());
     }
-    let begun: Vec<_> = heard(&mut session, at(501)).into_iter().filter(|message| matches!(message, Message::FrameBegin(_))).collect();
+    let begun: Vec<_> =
+        heard(&mut session, at(501)).into_iter().filter(|message| matches!(message, Message::FrameBegin(_))).collect();
     assert!(matches!(&begun[..], [Message::FrameBegin(begin)] if begin.id == FrameId(6)), "{begun:?}");
     assert_eq!(session.statistics.frames_replaced, 5);
 }
@@ -102,7 +103,11 @@ fn two_frames_may_be_unacknowledged_and_no_more() {
     }
     assert_eq!(begun, [FrameId(1), FrameId(2)]);
     say(&mut session, at(400), Message::FrameAck(FrameAck { id: FrameId(1), pose_to_ready_micros: 50_000 }));
-    assert!(heard(&mut session, at(400)).iter().any(|message| matches!(message, Message::FrameBegin(begin) if begin.id == FrameId(4))));
+    assert!(
+        heard(&mut session, at(400))
+            .iter()
+            .any(|message| matches!(message, Message::FrameBegin(begin) if begin.id == FrameId(4)))
+    );
 }
 
 #[test]
@@ -157,7 +162,10 @@ fn a_still_is_never_replaced() {
     render(&mut session, at(1)).unwrap();
     pose(&mut session, at(2));
     assert_eq!(render(&mut session, at(2)), None, "the still has not left");
-    assert!(matches!(heard(&mut session, at(3))[..], [Message::FrameBegin(_), Message::Strip(_), Message::FrameEnd(_), Message::Statistics(_)]));
+    assert!(matches!(
+        heard(&mut session, at(3))[..],
+        [Message::FrameBegin(_), Message::Strip(_), Message::FrameEnd(_), Message::Statistics(_)]
+    ));
     assert!(render(&mut session, at(3)).is_some());
 }
 

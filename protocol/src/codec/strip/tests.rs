@@ -22,7 +22,7 @@ impl Random {
     }
 
     fn below(&mut self, count: u32) -> u32 {
-        (u64::from(self.next()) * u64::from(count) >> 32) as u32
+        ((u64::from(self.next()) * u64::from(count)) >> 32) as u32
     }
 
     fn unit(&mut self) -> f32 {
@@ -157,8 +157,7 @@ fn quantised(shape: &FrameShape, tree: &Tree) -> Tree {
     for (rows, out) in original.bands_mut(rows_per_strip).iter().zip(&mut result.bands_mut(rows_per_strip)) {
         let first = rows.rows.start as usize * shape.camera.size.width as usize;
         let pixels = rows.nodes[0].distance.len();
-        let ray_length =
-            |pixel| shape.camera.ray_in_view(shape.camera.size.pixel_centre(first + pixel)).length();
+        let ray_length = |pixel| shape.camera.ray_in_view(shape.camera.size.pixel_centre(first + pixel)).length();
         for node in 0..rows.nodes.len() {
             let bits = shape.depth_bits(node);
             let relative = node > 0 && shape.format.child_depth == DepthCoding::Relative;

@@ -1,0 +1,105 @@
+//! The bytes of one message of each kind and of a small frame. Where this test fails, the wire has changed: then
+//! the version does, and so does docs/wire-format.md. What zstd makes of a plane is its own affair: where only a
+//! new zstd changes the strips, the old bytes must still decode to the same frame, and that is all.
+
+#![allow(clippy::unwrap_used, reason = "a test may panic")]
+
+mod fixed;
+
+use fixed::{framed, hex, messages, shape, strips, tree};
+use warplight_protocol::codec::StripDecoder;
+use warplight_protocol::message::MessageKind;
+
+const MESSAGES: [(MessageKind, &str); 13] = [
+    (
+        MessageKind::Hello,
+        "\
+        4000000001574152500100030000000600000000000000636c69656e740400000003000000000080bf0000803f000040\
+        bf0000403f0000f041010000001010000000000c",
+    ),
+    (
+        MessageKind::Welcome,
+        "\
+        7800000002010000000600000000000000736572766572070000000000000067616c6c65727901000000000000000a00\
+        0000000000007265666c656374696f6e0000000000000000000000000000f83f00000000000000400000000000000000\
+        00000000000000000000000000000000000000000000f03f0000003f",
+    ),
+    (MessageKind::Poses, "220000000340420f000000000000001800000000feff00000400f0ffffff974772b2ffffff7f"),
+    (
+        MessageKind::FrameBegin,
+        "\
+        810000000407000000010000000300000040420f0000000000a861000000001800000000feff00000400f0ffffff9747\
+        72b2ffffff7f0400000003000000000080bf0000803f000040bf0000403f020000000000000000000000000001000000\
+        020000000000000000000000020000000000c03f010000001010010000000c02000000003f",
+    ),
+    (
+        MessageKind::Strip,
+        "\
+        ca000000050700000002000100070002000000401500000028b52ffd200c610000ff6852444b1b1913682e5143000300\
+        0000401100000028b52ffd200841000001000000000000000004000000000d00000028b52ffd20042100000000020000\
+        05000000001700000028b52ffd200e7100000c0000c0ff01000c0000c0ff01000101000000000a00000028b52ffd2001\
+        0900000c0102000000401500000028b52ffd200c6100000000a20000002f00000051000103ffffdf401100000028b52f\
+        fd20084100000000010000000000",
+    ),
+    (
+        MessageKind::FrameEnd,
+        "\
+        310000000607000000010000000000000002000000000000000300000000000000040000000000000005000000000000\
+        0010000000",
+    ),
+    (MessageKind::FrameAck, "090000000707000000409c0000"),
+    (
+        MessageKind::Statistics,
+        "\
+        35000000080a00000009000000010000000000000001000000000000000c00000000000000726179732e7072696d6172\
+        797b00000000000000",
+    ),
+    (MessageKind::StillRequest, "22000000090300000000001800000000feff00000400f0ffffff974772b2ffffff7f00010000"),
+    (MessageKind::Ping, "090000000a0403020100000000"),
+    (MessageKind::Pong, "090000000b0403020100000000"),
+    (MessageKind::Error, "0b0000000c0300746f6f206d756368"),
+    (MessageKind::Bye, "010000000d"),
+];
+
+/// The first strip of the frame; the second is in the strip message.
+const FIRST_STRIP: &str = "\
+        00000200070002000000402100000028b52ffd2018c10000ff685244000000004b1b191300000000682e514300000000\
+        0003000000401100000028b52ffd2010450000100100010032c0020004000000001100000028b52ffd20084100000000\
+        0200000000000005000000001800000028b52ffd201a7d0000380c0000c0ff01000200300f1880110101000000000b00\
+        000028b52ffd20021100000c000102000000401d00000028b52ffd2018a50000600000a2002f00510000000000020060\
+        e001100101030000e0401900000028b52ffd201081000000000000000001000000000000000000";
+
+#[test]
+fn messages_have_these_bytes() {
+    for (message, (kind, expected)) in messages().iter().zip(MESSAGES) {
+        assert_eq!(message.kind(), kind);
+        assert_eq!(hex(&framed(message)), expected, "{kind:?}");
+    }
+}
+
+#[test]
+fn the_frame_has_these_bytes() {
+    assert_eq!(hex(&strips()[0]), FIRST_STRIP);
+    let (_, message) = MESSAGES[4];
+    let header_digits = 2 * (5 + 4);
+    assert_eq!(hex(&strips()[1]), message[header_digits..]);
+}
+
+/// The golden bytes decode, whatever zstd writes today.
+#[test]
+fn these_bytes_are_the_frame() {
+    let second = &MESSAGES[4].1[2 * (5 + 4)..];
+    let (mut from_golden, mut from_today) = (tree(), tree());
+    let mut decoder = StripDecoder::default();
+    for ((golden, today), strip) in [FIRST_STRIP, second].into_iter().zip(strips()).zip(0..) {
+        let rows = &mut from_golden.bands_mut(2)[strip];
+        decoder.decode(&shape(), &unhex(golden), rows).unwrap();
+        let rows = &mut from_today.bands_mut(2)[strip];
+        decoder.decode(&shape(), &today, rows).unwrap();
+    }
+    assert_eq!(from_golden, from_today);
+}
+
+fn unhex(digits: &str) -> Vec<u8> {
+    (0..digits.len() / 2).map(|at| u8::from_str_radix(&digits[2 * at..2 * at + 2], 16).unwrap()).collect()
+}

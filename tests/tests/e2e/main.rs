@@ -1,0 +1,8 @@
+//! End to end: sessions over a modelled link, replays in virtual time, and the programs as processes.
+
+#![allow(clippy::unwrap_used, reason = "all of this is test code, its helpers too")]
+
+mod freshness;
+mod identity;
+mod programs;
+mod replays;

@@ -1,0 +1,108 @@
+//! Whole replays in virtual time: rendered, encoded, sent, decoded, warped, compared.
+
+use std::path::PathBuf;
+use std::time::Duration;
+use warplight_client::link::LinkModel;
+use warplight_client::replay::{Circumstances, ModelledTimes, ReplayPlan, assess, report_from, run_virtual};
+use warplight_client::report::{ClockKind, Report};
+use warplight_client::trace::Trace;
+use warplight_client::warp::Mode;
+use warplight_protocol::frame::FrameFormat;
+use warplight_protocol::{Camera, ImageSize};
+use warplight_server::scene::Scene;
+use warplight_server::service::{Estimator, Service, ServiceOptions};
+use warplight_server::session::SampleBudget;
+
+fn plan(trace: Trace, seconds: f64, size: ImageSize) -> ReplayPlan {
+    ReplayPlan {
+        duration: Duration::from_secs_f64(seconds.min(trace.duration_secs())),
+        trace,
+        camera: Camera::symmetric(1.4, size),
+        frame_hz: 10.0,
+        display_hz: 60.0,
+        mode: Mode::Diffuse,
+        format: FrameFormat::default(),
+        quality_every: 40,
+        quality_spp: 16,
+    }
+}
+
+fn replay(plan: &ReplayPlan, scene: &str, spp: u32, seed: u64) -> Report {
+    let (samples, estimator) = (SampleBudget::Samples(spp), Estimator::default());
+    let options = ServiceOptions { samples, estimator, max_depth: 4, seed, threads: 0, still_threads: 0 };
+    let service = Service::new(Scene::load(scene).unwrap(), options).unwrap();
+    let link =
+        LinkModel { latency: Duration::from_millis(20), jitter: Duration::from_millis(5), ..LinkModel::default() };
+    let recording = run_virtual(plan, service, link, ModelledTimes::default(), seed, &mut |_| ()).unwrap();
+    let quality = assess(&recording, &plan.camera, &mut |_| ()).unwrap();
+    let circumstances =
+        Circumstances { trace: "test".to_owned(), seed, clock: ClockKind::Virtual, link: Some(link), warnings: vec![] };
+    report_from(plan, &recording, &quality, circumstances)
+}
+
+#[test]
+fn the_same_seed_gives_the_same_report_to_the_byte() {
+    let plan = plan(Trace::built_in(), 2.0, ImageSize::new(64, 48));
+    let first = replay(&plan, "gallery", 2, 7).to_json().unwrap();
+    assert_eq!(first, replay(&plan, "gallery", 2, 7).to_json().unwrap());
+    assert_ne!(first, replay(&plan, "gallery", 2, 8).to_json().unwrap());
+}
+
+#[test]
+fn the_report_adds_up() {
+    let plan = plan(Trace::built_in(), 2.0, ImageSize::new(64, 48));
+    let report = replay(&plan, "gallery", 2, 1);
+    assert_eq!(report.display.frames, 120);
+    assert_eq!(report.display.missed, 0);
+    let link = &report.link;
+    assert!(link.frames_sent >= 19 && link.frames_shown <= link.frames_sent);
+    let planes: u64 = link.planes.values().sum();
+    assert!(planes < link.down_bytes && planes * 10 > link.down_bytes * 8, "planes {planes} of {}", link.down_bytes);
+    assert!(report.counters["rays.primary"] > 0 && report.counters["rays.refract"] > 0);
+    // 80 ms of rendering, 20 +- 5 ms each way, shown for up to two frame intervals.
+    let age = report.latency_ms.frame_age.unwrap();
+    assert!(age.min > 110.0 && age.max < 350.0, "{age:?}");
+    for quality in &report.quality {
+        assert_eq!(quality.compared_frames, 3);
+    }
+}
+
+#[test]
+fn warping_at_depth_beats_turning_and_turning_beats_nothing() {
+    // Matte surfaces only, where the depth of the surface is the depth of what it shows.
+    let mut plan = plan(Trace::built_in(), 4.0, ImageSize::new(128, 128));
+    plan.quality_spp = 64;
+    let report = replay(&plan, "cornell", 64, 3);
+    let psnr = |mode: &str| report.quality.iter().find(|quality| quality.mode == mode).unwrap().psnr_db.unwrap().p50;
+    assert!(psnr("rotation") > psnr("none") + 1.0, "{} {}", psnr("rotation"), psnr("none"));
+    assert!(psnr("diffuse") > psnr("rotation") + 0.5, "{} {}", psnr("diffuse"), psnr("rotation"));
+}
+
+#[test]
+fn a_scene_without_specular_surfaces_sends_and_traces_nothing_of_them() {
+    let plan = plan(Trace::built_in(), 1.0, ImageSize::new(64, 48));
+    let report = replay(&plan, "cornell", 1, 1);
+    assert!(report.link.planes.keys().all(|plane| plane.starts_with("root.")), "{:?}", report.link.planes);
+    assert_eq!((report.counters["rays.reflect"], report.counters["rays.refract"]), (0, 0));
+    assert!(!report.effects.iter().any(|effect| effect == "reflection" || effect == "refraction"));
+}
+
+#[test]
+fn recorded_head_traces_replay() {
+    let Some(data) = std::env::var_os("WARPLIGHT_DATA").map(PathBuf::from) else {
+        eprintln!("skipped: WARPLIGHT_DATA is not set, so no recorded head trace is replayed");
+        return;
+    };
+    let mut replayed = 0;
+    for entry in std::fs::read_dir(data.join("traces")).unwrap() {
+        let path = entry.unwrap().path();
+        if path.extension().is_some_and(|extension| extension == "tum") {
+            let trace = Trace::read(&path).unwrap();
+            let report = replay(&plan(trace, 1.5, ImageSize::new(32, 32)), "cornell", 1, 1);
+            assert_eq!(report.display.missed, 0, "{}", path.display());
+            assert!(report.link.frames_shown >= 10, "{}", path.display());
+            replayed += 1;
+        }
+    }
+    assert!(replayed > 0);
+}
