@@ -1,7 +1,7 @@
 //! A modelled link, one direction: delay, jitter, rate and stalls, seeded, in virtual time.
 //!
 //! Like TCP it loses and reorders nothing: what is late delays what is behind it. Like a socket with a small
-//! buffer it takes no more than [`BUFFER`] ahead of what it has put on the wire, so that whoever sends
+//! buffer it takes no more than `BUFFER` ahead of what it has put on the wire, so that whoever sends
 //! decides late what to send.
 
 use rand_pcg::Pcg32;

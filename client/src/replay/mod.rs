@@ -1,8 +1,8 @@
 //! A replay: a head trace is walked through in time, poses go up, frames come down, every display refresh is
 //! warped, and everything is noted down.
 //!
-//! [`virtual_clock`] and [`real_clock`] drive the same sessions, the one in modelled time and the other over
-//! TCP; both give a [`Recording`], from which [`quality`] and [`report`] make what is written.
+//! `virtual_clock` and `real_clock` drive the same sessions, the one in modelled time and the other over
+//! TCP; both give a [`Recording`], from which `quality` and `report` make what is written.
 
 mod quality;
 mod real_clock;

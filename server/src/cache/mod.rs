@@ -7,7 +7,7 @@
 //! Method: hashed grids of surface points as in Binder, Fricke and Keller 2018 ("Fast Path Space Filtering by
 //! Jittered Spatial Hashing") and Gautron 2020 ("Real-Time Ray-Traced Ambient Occlusion of Complex Scenes using
 //! Spatial Hashing"), with three changes. Lookups interpolate between the eight cells around the point
-//! (weighted by their samples) instead of jittering it. Every sample goes into [`LEVELS`] grids of doubling
+//! (weighted by their samples) instead of jittering it. Every sample goes into `LEVELS` grids of doubling
 //! width, and an estimate shrinks towards that of the next coarser grid by as much as it is uncertain: the
 //! first frame is smooth, and detail follows. Samples are added in the order of the image, shard by shard,
 //! never by racing threads: contents are a function of the sequence of frames alone.
