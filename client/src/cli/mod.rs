@@ -8,6 +8,7 @@ mod replay;
 use crate::replay::ReplayError;
 use crate::trace;
 use clap::{Parser, Subcommand};
+use std::io::IsTerminal;
 use std::process::ExitCode;
 
 /// Reprojects remotely path-traced frames to a stream of head poses, and measures how well.
@@ -63,7 +64,8 @@ impl From<ReplayError> for Failure {
 /// Runs the command line of this process.
 pub fn main() -> ExitCode {
     let logs = tracing_subscriber::EnvFilter::try_from_default_env().unwrap_or_else(|_| "warn".into());
-    tracing_subscriber::fmt().with_env_filter(logs).with_writer(std::io::stderr).init();
+    let colours = std::io::stderr().is_terminal();
+    tracing_subscriber::fmt().with_env_filter(logs).with_writer(std::io::stderr).with_ansi(colours).init();
     let arguments = Arguments::parse();
     let outcome = match arguments.command {
         None => replay::run(&replay::ReplayArgs::default()),
