@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Duration;
 use warplight_protocol::codec::{DecodeError, FrameShape, PlaneKind, StripDecoder};
-use warplight_protocol::frame::{FrameId, Tree};
+use warplight_protocol::frame::Tree;
 use warplight_protocol::message::{FrameBegin, FrameEnd, StripMessage};
 use warplight_protocol::{Camera, ImageSize, Pose, Timestamp};
 
@@ -126,18 +126,13 @@ impl Assembler {
         let free = self.retired.iter().position(|frame| Arc::strong_count(frame) == 1)?;
         Arc::into_inner(self.retired.swap_remove(free)).map(|frame| frame.tree)
     }
-
-    /// The frame that is under way, if any.
-    pub fn current(&self) -> Option<FrameId> {
-        self.current.as_ref().map(|partial| partial.begin.id)
-    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use warplight_protocol::codec::StripEncoder;
-    use warplight_protocol::frame::{FrameFormat, Interfaces, Plan};
+    use warplight_protocol::frame::{FrameFormat, FrameId, Interfaces, Plan};
     use warplight_protocol::message::FramePurpose;
 
     fn shape() -> FrameShape {
