@@ -153,6 +153,7 @@ mod tests {
             purpose: FramePurpose::Live,
             pose_time,
             horizon_micros: 0,
+            scene_time: pose_time,
             render_pose: Pose::IDENTITY,
             shape: shape(),
         }

@@ -25,10 +25,16 @@ pub enum Interface {
         /// Index of refraction beyond the boundary over the one before it.
         eta: f32,
     },
+    /// A thin plate of a transparent medium: light goes straight through, or is reflected by either face,
+    /// however often it runs to and fro between them.
+    Pane {
+        /// Index of refraction of the plate over that around it.
+        eta: f32,
+    },
 }
 
 impl Interface {
-    /// Fraction of radiance reflected, per channel, in [0, 1]; the rest of a dielectric is refracted.
+    /// Fraction of radiance reflected, per channel, in [0, 1]; the rest of a dielectric or a pane goes through.
     pub fn reflectance(&self, cos_incident: f32) -> Vec3 {
         match *self {
             Interface::Mirror => Vec3::ONE,
@@ -39,14 +45,25 @@ impl Interface {
                 Vec3::new(one(er, kr), one(eg, kg), one(eb, kb))
             }
             Interface::Dielectric { eta } => Vec3::splat(fresnel_dielectric(cos_incident, eta)),
+            Interface::Pane { eta } => Vec3::splat(reflectance_of_pane(cos_incident, eta)),
         }
     }
 
-    /// Fraction of radiance refracted, per channel.
+    /// Fraction of radiance that goes through, per channel.
     pub fn transmittance(&self, cos_incident: f32) -> Vec3 {
         match self {
             Interface::Mirror | Interface::Conductor { .. } => Vec3::ZERO,
-            Interface::Dielectric { .. } => Vec3::ONE - self.reflectance(cos_incident),
+            Interface::Dielectric { .. } | Interface::Pane { .. } => Vec3::ONE - self.reflectance(cos_incident),
+        }
+    }
+
+    /// Where what goes through of the direction `incident` (towards the surface, against `normal`) continues;
+    /// `None` where nothing goes through.
+    pub fn refracted(&self, incident: Vec3, normal: Vec3) -> Option<Vec3> {
+        match *self {
+            Interface::Mirror | Interface::Conductor { .. } => None,
+            Interface::Dielectric { eta } => refract(incident, normal, eta),
+            Interface::Pane { .. } => Some(incident),
         }
     }
 
@@ -58,7 +75,7 @@ impl Interface {
             Interface::Conductor { eta, k } => {
                 eta.into_iter().all(index) && k.into_iter().all(|k| (0.0..=1e3).contains(&k))
             }
-            Interface::Dielectric { eta } => index(eta),
+            Interface::Dielectric { eta } | Interface::Pane { eta } => index(eta),
         }
     }
 }
@@ -66,6 +83,10 @@ impl Interface {
 /// Unpolarised reflectance of a dielectric boundary; `eta` is the index beyond over the index before.
 /// Total internal reflection gives exactly 1.
 pub fn fresnel_dielectric(cos_incident: f32, eta: f32) -> f32 {
+    if eta == 1.0 {
+        // No boundary; below, rounding would make one of it for a grazing ray.
+        return 0.0;
+    }
     let cos_i = cos_incident.clamp(0.0, 1.0);
     let sin2_t = (1.0 - cos_i * cos_i) / (eta * eta);
     if sin2_t >= 1.0 {
@@ -79,8 +100,19 @@ pub fn fresnel_dielectric(cos_incident: f32, eta: f32) -> f32 {
     if reflectance.is_finite() { reflectance.min(1.0) } else { 1.0 }
 }
 
+/// Unpolarised reflectance of a thin plate of relative index `eta`. With R of one face, what is reflected after
+/// 0, 1, 2, ... passes to and fro sums to R + (1 - R)^2 R (1 + R^2 + R^4 + ...) = 2 R / (1 + R): incoherent
+/// light, no absorption. An index below 1 stands for a gap and may reflect totally.
+pub fn reflectance_of_pane(cos_incident: f32, eta: f32) -> f32 {
+    let face = fresnel_dielectric(cos_incident, eta);
+    2.0 * face / (1.0 + face)
+}
+
 /// Unpolarised reflectance of a metal of index `eta + i k`; with `k = 0` it is the dielectric's.
 pub fn fresnel_conductor(cos_incident: f32, eta: f32, k: f32) -> f32 {
+    if eta == 1.0 && k == 0.0 {
+        return 0.0;
+    }
     // In f64: with k of some hundreds the squares below differ in their last f32 digits only.
     let cos_i = f64::from(cos_incident.clamp(0.0, 1.0));
     let (eta2, k2) = (f64::from(eta * eta), f64::from(k * k));
@@ -116,6 +148,10 @@ pub fn reflect(incident: Vec3, normal: Vec3) -> Vec3 {
 /// Refracts the direction `incident` (towards the surface, against `normal`); `eta` is the index beyond
 /// over the index before. `None` for total internal reflection.
 pub fn refract(incident: Vec3, normal: Vec3, eta: f32) -> Option<Vec3> {
+    if eta == 1.0 {
+        // Straight on; below, the cosine of a grazing ray would be lost in rounding.
+        return incident.try_normalize();
+    }
     let cos_i = (-incident.dot(normal)).clamp(0.0, 1.0);
     let sin2_t = (1.0 - cos_i * cos_i) / (eta * eta);
     if sin2_t >= 1.0 {
@@ -135,6 +171,30 @@ mod tests {
         assert!((fresnel_dielectric(1.0, 1.5) - 0.04).abs() < 1e-6);
         assert_eq!(fresnel_dielectric(0.0, 1.5), 1.0);
         assert_eq!(fresnel_dielectric(0.7, 1.0), 0.0);
+    }
+
+    #[test]
+    fn a_pane_reflects_what_its_two_faces_send_back() {
+        for (cos_i, eta) in [(1.0_f32, 1.5_f32), (0.5, 1.5), (0.05, 1.33), (0.3, 2.4)] {
+            // Follow the light to and fro: at every face a part goes on and the rest stays inside.
+            let face = f64::from(fresnel_dielectric(cos_i, eta));
+            let (mut reflected, mut inside, mut transmitted) = (face, 1.0 - face, 0.0);
+            for _ in 0..200 {
+                transmitted += inside * (1.0 - face);
+                inside *= face;
+                reflected += inside * (1.0 - face);
+                inside *= face;
+            }
+            let pane = Interface::Pane { eta };
+            assert!((f64::from(pane.reflectance(cos_i).x) - reflected).abs() < 1e-6, "{cos_i} {eta}");
+            assert!((f64::from(pane.transmittance(cos_i).y) - transmitted).abs() < 1e-6, "{cos_i} {eta}");
+        }
+        let clear = Interface::Pane { eta: 1.0 };
+        assert!(clear.reflectance(0.3).x < 1e-12);
+        let incident = Vec3::new(0.6, 0.0, -0.8);
+        assert_eq!(clear.refracted(incident, Vec3::Z), Some(incident), "straight on");
+        assert_eq!(Interface::Pane { eta: 1.5 }.reflectance(0.0), Vec3::ONE);
+        assert!(!Interface::Pane { eta: 0.0 }.is_valid());
     }
 
     #[test]
@@ -202,9 +262,11 @@ mod tests {
             for r in [fresnel_dielectric(cos_i, eta), fresnel_conductor(cos_i, eta, k)] {
                 prop_assert!((0.0..=1.0).contains(&r), "{}", r);
             }
-            let interface = Interface::Dielectric { eta };
-            let sum = interface.reflectance(cos_i) + interface.transmittance(cos_i);
-            prop_assert!((sum - Vec3::ONE).abs().max_element() < 1e-6);
+            for interface in [Interface::Dielectric { eta }, Interface::Pane { eta }] {
+                let sum = interface.reflectance(cos_i) + interface.transmittance(cos_i);
+                prop_assert!((sum - Vec3::ONE).abs().max_element() < 1e-6);
+                prop_assert!((0.0..=1.0).contains(&interface.reflectance(cos_i).x));
+            }
         }
 
         /// numerics: unit vectors off by 1e-4, grazing.

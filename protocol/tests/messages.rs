@@ -208,7 +208,7 @@ fn reserved_bits_and_numbers_that_are_none_are_refused_by_name() {
         (MessageKind::Welcome, 3, &[0x80], "capability bits"),
         (MessageKind::Welcome, 59, &f64::NAN.to_le_bytes(), "head"),
         (MessageKind::Welcome, 59 + 56, &nan, "exposure"),
-        (MessageKind::StillRequest, 29, &0_u32.to_le_bytes(), "samples per pixel"),
+        (MessageKind::StillRequest, 37, &0_u32.to_le_bytes(), "samples per pixel"),
         (MessageKind::StillRequest, 28, &[0xff], "still request"),
         (MessageKind::Poses, 32, &[0xff], "pose"),
         (MessageKind::FrameBegin, 4, &2_u32.to_le_bytes(), "frame begin"),

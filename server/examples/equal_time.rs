@@ -2,9 +2,10 @@
 //!
 //! A head moves slowly for two seconds at ten frames a second; the last frame is compared with a converged one
 //! from its pose. Two independent references make the error unbiased by their own noise: E[(x - a)(x - b)].
-//! Prints times and relative MSE, and writes the pictures. References are kept in the folder for the next run.
+//! Then the head rests for as long as it has moved. Prints times and relative MSE, the figures of each scene as a row
+//! of a table, and writes the pictures. References are kept in the folder for the next run.
 //!
-//! `cargo run --release -p warplight-server --example equal_time -- [SCENE] [SIDE_PX] [BUDGET_MS] [REFERENCE_SPP] [DIR]`
+//! `cargo run --release -p warplight-server --example equal_time -- [SCENE,...] [SIDE_PX] [BUDGET_MS] [REFERENCE_SPP] [DIR]`
 
 use glam::{DVec3, Vec3};
 use std::error::Error;
@@ -22,6 +23,8 @@ use warplight_server::scene::Scene;
 
 const FRAMES: u32 = 20;
 const FRAME_SECS: f64 = 0.1;
+/// Frames for which it rests afterwards.
+const RESTING: u32 = 20;
 /// Speed of the head: about that of a person who stands and looks around.
 const SPEED_M_PER_S: f64 = 0.12;
 const TURN_RAD_PER_S: f64 = 0.12;
@@ -79,19 +82,30 @@ fn relative_bias(picture: &[Vec3], references: &[Vec<Vec3>; 2]) -> f64 {
 fn main() -> Result<(), Box<dyn Error>> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let number = |index: usize, default: u32| arguments.get(index).map_or(Ok(default), |text| text.parse::<u32>());
-    let name = arguments.first().map_or("gallery", String::as_str);
+    let names = arguments.first().map_or("gallery,cornell,pool", String::as_str);
     let (side, budget_ms, reference_spp) = (number(1, 512)?, number(2, 250)?, number(3, 64)?);
     let folder = arguments.get(4).map_or("/tmp/equal_time", String::as_str);
     std::fs::create_dir_all(folder)?;
-    let file = |name: String| Path::new(folder).join(name);
+    let mut table = String::from(
+        "| scene | path tracing, spp | its relative MSE | in motion | times less | bias | at rest |\n|---|---|---|---|---|---|---|\n",
+    );
+    for name in names.split(',') {
+        table += &compare(name, side, budget_ms, reference_spp, Path::new(folder))?;
+    }
+    println!("{table}pictures in {folder}");
+    Ok(())
+}
 
+/// A row of the table.
+fn compare(name: &str, side: u32, budget_ms: u32, reference_spp: u32, folder: &Path) -> Result<String, Box<dyn Error>> {
+    let file = |name: String| folder.join(name);
     let scene = Arc::new(Scene::load(name)?);
     let (head, exposure, plan) = (scene.head, scene.exposure, plan_of(&scene));
     let camera = Camera::symmetric(80_f32.to_radians(), ImageSize::new(side, side));
     let renderer = FrameRenderer::new(scene);
     let mut tree = Tree::new(head, camera, plan.clone(), renderer.interfaces().clone());
     let request = |frame: u32, spp: u32, seed: u64| FrameRequest {
-        render_pose: pose_at(&head, FRAME_SECS * f64::from(frame)),
+        render_pose: pose_at(&head, FRAME_SECS * f64::from(frame.min(FRAMES))),
         camera,
         plan: plan.clone(),
         spp,
@@ -124,8 +138,9 @@ fn main() -> Result<(), Box<dyn Error>> {
 
     // From the cache, with samples as time allows.
     let mut live = LiveFrames::new(CacheSettings::default());
+    let (mut moving, mut bias, mut resting) = (0.0, 0.0, 0.0);
     let mut samples = 0.125 * camera.size.pixels() as f64;
-    for frame in 0..=FRAMES {
+    for frame in 0..=FRAMES + RESTING {
         let counters = Counters::default();
         let start = Instant::now();
         renderer.render_live(&request(frame, 1, u64::from(frame)), samples, &mut live, &mut tree, &counters, &|_| ());
@@ -136,20 +151,24 @@ fn main() -> Result<(), Box<dyn Error>> {
             "cached frame {frame:>2}: {ms:>4.0} ms, {spp:.3} samples per pixel, {:.2} Mrays",
             counters.snapshot().rays() as f64 * 1e-6
         );
-        if frame == FRAMES {
-            let error = relative_mse(&shown, &references);
-            print!(
-                ", relative MSE {error:.5}, {:.1} times less, bias {:+.4}",
-                plain_error / error,
-                relative_bias(&shown, &references)
-            );
+        let error = relative_mse(&shown, &references);
+        match frame {
+            FRAMES => (moving, bias) = (error, relative_bias(&shown, &references)),
+            _ if frame == FRAMES + RESTING => resting = error,
+            _ => {}
+        }
+        if frame >= FRAMES {
+            print!(", relative MSE {error:.5}, {:.1} times less", plain_error / error);
         }
         println!();
-        if [0, 1, 4, 10, 19, 20].contains(&frame) {
+        if [0, 1, 4, 10, 20, 40].contains(&frame) {
             write_png(&file(format!("{name}_cached_{frame:02}.png")), side, &shown, exposure)?;
         }
-        samples *= (f64::from(budget_ms) / ms).clamp(0.5, 1.5);
+        // Never fewer than the server traces.
+        samples = (samples * (f64::from(budget_ms) / ms).clamp(0.5, 1.5)).max(camera.size.pixels() as f64 / 64.0);
     }
-    println!("pictures in {folder}");
-    Ok(())
+    Ok(format!(
+        "| {name} | {spp} | {plain_error:.4} | {moving:.5} | {:.0} | {bias:+.4} | {resting:.5} |\n",
+        plain_error / moving
+    ))
 }

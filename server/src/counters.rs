@@ -16,6 +16,8 @@ pub struct RayCounts {
     pub refract: u64,
     /// Rays that leave a diffuse surface in a sampled direction.
     pub diffuse: u64,
+    /// Rays that leave a rough surface in a sampled direction.
+    pub glossy: u64,
     /// Rays that ask only whether a light is seen.
     pub shadow: u64,
     /// Samples dropped because their radiance was not finite: not rays, and always to be zero.
@@ -24,12 +26,13 @@ pub struct RayCounts {
 
 impl RayCounts {
     /// Names, as reports carry them, and counts.
-    pub fn named(&self) -> [(&'static str, u64); 6] {
+    pub fn named(&self) -> [(&'static str, u64); 7] {
         [
             ("rays.primary", self.primary),
             ("rays.reflect", self.reflect),
             ("rays.refract", self.refract),
             ("rays.diffuse", self.diffuse),
+            ("rays.glossy", self.glossy),
             ("rays.shadow", self.shadow),
             ("samples.dropped", self.dropped),
         ]
@@ -37,7 +40,7 @@ impl RayCounts {
 
     /// All rays.
     pub fn rays(&self) -> u64 {
-        self.primary + self.reflect + self.refract + self.diffuse + self.shadow
+        self.primary + self.reflect + self.refract + self.diffuse + self.glossy + self.shadow
     }
 }
 
@@ -48,6 +51,7 @@ pub struct Counters {
     reflect: AtomicU64,
     refract: AtomicU64,
     diffuse: AtomicU64,
+    glossy: AtomicU64,
     shadow: AtomicU64,
     dropped: AtomicU64,
 }
@@ -59,6 +63,7 @@ impl Counters {
         self.reflect.fetch_add(counts.reflect, Relaxed);
         self.refract.fetch_add(counts.refract, Relaxed);
         self.diffuse.fetch_add(counts.diffuse, Relaxed);
+        self.glossy.fetch_add(counts.glossy, Relaxed);
         self.shadow.fetch_add(counts.shadow, Relaxed);
         self.dropped.fetch_add(counts.dropped, Relaxed);
     }
@@ -70,6 +75,7 @@ impl Counters {
             reflect: self.reflect.load(Relaxed),
             refract: self.refract.load(Relaxed),
             diffuse: self.diffuse.load(Relaxed),
+            glossy: self.glossy.load(Relaxed),
             shadow: self.shadow.load(Relaxed),
             dropped: self.dropped.load(Relaxed),
         }
@@ -83,10 +89,10 @@ mod tests {
     #[test]
     fn counts_of_workers_add_up() {
         let counters = Counters::default();
-        let worker = RayCounts { primary: 1, reflect: 2, refract: 3, diffuse: 4, shadow: 5, dropped: 6 };
+        let worker = RayCounts { primary: 1, reflect: 2, refract: 3, diffuse: 4, glossy: 5, shadow: 6, dropped: 7 };
         counters.add(&worker);
         counters.add(&worker);
-        assert_eq!(counters.snapshot().named().map(|(_, count)| count), [2, 4, 6, 8, 10, 12]);
-        assert_eq!(counters.snapshot().rays(), 30);
+        assert_eq!(counters.snapshot().named().map(|(_, count)| count), [2, 4, 6, 8, 10, 12, 14]);
+        assert_eq!(counters.snapshot().rays(), 42);
     }
 }

@@ -6,27 +6,35 @@
 //! of its surfaces is sampled.
 //!
 //! A node holds what its surface sends back apart from the specular events that have a node of their own;
-//! those that have none are baked into it, with their Fresnel weight. A child's radiance is multiplied by
+//! those that have none are baked into it, with their Fresnel weight. So are the lobes of rough surfaces; but
+//! where a surface is nearly smooth, or refracts colours differently, its lobes go to the nodes, too: such a
+//! node shows the place where a smooth boundary's ray ends, with the radiance of all of the lobe's rays over
+//! the boundary's weight, and has no children of its own. A child's radiance is multiplied by
 //! what lies on its way and does not depend on the view: filters, absorption, the 1/eta^2 of refraction,
 //! over the whole chain from the root; never by Fresnel, which the client applies for the pose it shows.
 
 mod cached;
+mod rest;
+mod sentinels;
 
 pub use cached::LiveFrames;
 
-use crate::accel::Ray;
+use crate::accel::{Ray, SurfacePoint};
+use crate::bsdf::{Boundary, Bsdf, Lobes, Medium, interface_of};
 use crate::counters::{Counters, RayCounts};
+use crate::effects::Simulated;
 use crate::integrator::sampler::Sampler;
-use crate::integrator::{Boundary, Medium, PathTracer, SpecularEvents, Vertex, interface_of};
-use crate::scene::Scene;
+use crate::integrator::{Events, PathTracer, Vertex};
+use crate::scene::{Origins, Scene};
 use glam::{DVec3, Mat3, Vec3};
 use rayon::prelude::*;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 use warplight_protocol::frame::{
     Arrival, Interfaces, MAX_INTERFACES, MAX_NODES, NodeRows, Plan, Tree, TreeRows, UNDEFINED,
 };
 use warplight_protocol::optics::Interface;
-use warplight_protocol::{Camera, Pose};
+use warplight_protocol::{Camera, Pose, Timestamp};
 
 /// Rows rendered and handed on together: a strip of the encoder.
 pub const BAND_ROWS: u32 = 32;
@@ -53,19 +61,63 @@ pub struct FrameRequest {
 pub struct FrameRenderer {
     tracer: PathTracer,
     interfaces: Interfaces,
-    /// Pixel value of each material's boundary, from outside and from inside; 0 where it has none.
-    interface_of_material: Vec<[u8; 2]>,
+    origins: Origins,
+    version: SceneVersion,
 }
 
-/// The surface that a node of a pixel shows.
+/// Which scene a renderer shows, and which of its states.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct SceneVersion {
+    /// Differs between renderers.
+    scene: u64,
+    /// Counts the times that anything has moved.
+    state: u64,
+    /// When it was that things were where they are.
+    time: Timestamp,
+}
+
+impl SceneVersion {
+    /// Whether the other is the same scene with things elsewhere.
+    fn has_moved_to(&self, other: &SceneVersion) -> bool {
+        self.scene == other.scene && self.state != other.state
+    }
+
+    /// Time to the other, in seconds.
+    fn secs_to(&self, other: &SceneVersion) -> f32 {
+        (other.time.max(self.time).since(other.time.min(self.time))).as_secs_f32()
+    }
+
+    /// Whether nothing has moved in between.
+    fn shows_what(&self, other: &SceneVersion) -> bool {
+        (self.scene, self.state) == (other.scene, other.state)
+    }
+}
+
+/// Renderers made so far.
+static RENDERERS: AtomicU64 = AtomicU64::new(0);
+
+/// What a node of a pixel shows.
 #[derive(Clone, Copy)]
 struct Link {
+    /// Where its radiance is evaluated: the surface it shows, or its parent's where that is not quite sharp.
     vertex: Vertex,
-    boundary: Option<Boundary>,
+    /// What its radiance holds if nothing of it has a node of its own.
+    events: Events,
+    boundary: Option<Edge>,
     /// What lies on the way from the root and does not depend on the view.
     factor: Vec3,
     /// Length of the way from the eye.
     path_m: f32,
+}
+
+/// The boundary whose events may have nodes.
+#[derive(Clone, Copy)]
+struct Edge {
+    boundary: Boundary,
+    /// Whether a lobe stands for reflection and for refraction, instead of one ray.
+    lobe: bool,
+    /// Whether colours are refracted differently.
+    dispersive: bool,
 }
 
 /// The ray that a node of a pixel follows.
@@ -76,6 +128,8 @@ struct Segment {
     segments: u32,
     /// Length of the way to its start.
     path_m: f32,
+    /// Where its radiance is evaluated, if not at the surface it meets: of what, and over which weight.
+    blurred: Option<(Vertex, Events, Vec3)>,
 }
 
 /// What the nodes of a pixel show, filled from the root on: a parent is there before its children.
@@ -104,8 +158,36 @@ fn tiled(width: u32, rows: u32) -> impl Iterator<Item = usize> {
 impl FrameRenderer {
     /// Makes a scene ready.
     pub fn new(scene: Arc<Scene>) -> FrameRenderer {
-        let (interfaces, interface_of_material) = interfaces_of(&scene);
-        FrameRenderer { tracer: PathTracer::new(scene), interfaces, interface_of_material }
+        FrameRenderer::limited(scene, Simulated::ALL)
+    }
+
+    /// One that follows some events only.
+    pub fn limited(scene: Arc<Scene>, simulated: Simulated) -> FrameRenderer {
+        let version =
+            SceneVersion { scene: RENDERERS.fetch_add(1, Ordering::Relaxed), state: 0, time: Timestamp::ZERO };
+        let mut renderer = FrameRenderer {
+            interfaces: interfaces_of(&scene),
+            origins: Origins::of(&scene),
+            tracer: PathTracer::limited(scene, simulated),
+            version,
+        };
+        renderer.move_to(Timestamp::ZERO);
+        renderer
+    }
+
+    /// Moves what moves to where it is at an instant. Nothing is done in a scene in which nothing moves.
+    pub fn move_to(&mut self, time: Timestamp) {
+        let secs = time.since(Timestamp::ZERO).as_secs_f64();
+        let origins = &self.origins;
+        if self.moves() && self.tracer.change(|scene| origins.place(scene, secs)) {
+            self.version.state += 1;
+        }
+        self.version.time = time;
+    }
+
+    /// Whether anything in the scene ever moves.
+    pub fn moves(&self) -> bool {
+        !self.scene().motions.is_empty()
     }
 
     /// The scene.
@@ -133,7 +215,7 @@ impl FrameRenderer {
         on_band: &(dyn Fn(&TreeRows<'_>) + Sync),
     ) {
         tree.reset(request.render_pose, request.camera, &request.plan, &self.interfaces);
-        let eye = Eye::new(&request.render_pose, request.camera);
+        let eye = Eye::new(self.scene(), &request.render_pose, request.camera);
         tree.bands_mut(BAND_ROWS).into_par_iter().for_each(|mut band| {
             let mut counts = RayCounts::default();
             let first = (band.rows.start * request.camera.size.width) as usize;
@@ -168,31 +250,38 @@ impl FrameRenderer {
                 Arrival::Direct => {
                     counts.primary += 1;
                     let ray = eye.ray_through_centre(pixel);
-                    Some(Segment { ray, medium: Medium::AIR, factor: Vec3::ONE, segments: 1, path_m: 0.0 })
+                    Some(Segment {
+                        ray,
+                        medium: Medium::AIR,
+                        factor: Vec3::ONE,
+                        segments: 1,
+                        path_m: 0.0,
+                        blurred: None,
+                    })
                 }
-                arrival => chain[usize::from(step.parent)].as_ref().and_then(|parent| parent.follow(arrival, counts)),
+                arrival if self.is_simulated(arrival) => {
+                    chain[usize::from(step.parent)].as_ref().and_then(|parent| parent.follow(arrival, counts))
+                }
+                _ => None,
             };
             let segment = segment.filter(|segment| segment.segments <= request.max_depth);
             let (distance, radiance, link) = match segment {
                 None => (UNDEFINED, Vec3::ZERO, None),
-                Some(segment) => match self.tracer.surface_along(&segment.ray) {
-                    None => {
-                        let through = segment.factor * segment.medium.transmittance(f32::INFINITY);
-                        (f32::INFINITY, through * self.scene().environment.radiance(segment.ray.direction), None)
+                Some(segment) => {
+                    let met = self.tracer.surface_along(&segment.ray, 0);
+                    let distance = met.map_or(f32::INFINITY, |(_, distance)| distance);
+                    match self.link(&segment, met.map(|(point, _)| point), distance) {
+                        None => {
+                            let through = segment.factor * segment.medium.transmittance(f32::INFINITY);
+                            (distance, through * self.scene().environment.radiance(segment.ray.direction), None)
+                        }
+                        Some(link) => {
+                            let radiance = radiance_of(&link, node, counts);
+                            // A distance that rounds to zero would read as undefined.
+                            (distance.max(f32::MIN_POSITIVE), radiance, Some(link))
+                        }
                     }
-                    Some((point, distance)) => {
-                        let direction = segment.ray.direction;
-                        let link = Link {
-                            vertex: Vertex { point, direction, medium: segment.medium, segments: segment.segments },
-                            boundary: Boundary::at(self.scene(), &point, direction),
-                            factor: segment.factor * segment.medium.transmittance(distance),
-                            path_m: segment.path_m + distance,
-                        };
-                        let radiance = radiance_of(&link, node, counts);
-                        // A distance that rounds to zero would read as undefined.
-                        (distance.max(f32::MIN_POSITIVE), radiance, Some(link))
-                    }
-                },
+                }
             };
             rows.distance[offset] = distance;
             for (channel, value) in rows.radiance.iter_mut().zip(radiance.to_array()) {
@@ -211,6 +300,30 @@ impl FrameRenderer {
         }
     }
 
+    /// What a node shows whose ray meets `point`; `None` where it shows the environment.
+    fn link(&self, segment: &Segment, point: Option<SurfacePoint>, distance: f32) -> Option<Link> {
+        if let Some((vertex, events, over)) = segment.blurred {
+            let path_m = segment.path_m + if point.is_some() { distance } else { 0.0 };
+            return Some(Link { vertex, events, boundary: None, factor: segment.factor / over, path_m });
+        }
+        let direction = segment.ray.direction;
+        let point = point?;
+        let vertex = Vertex { point, direction, medium: segment.medium, segments: segment.segments, channel: None };
+        let bsdf = Bsdf::at(self.scene(), &point, direction, segment.medium, None);
+        let dispersive = self.scene().materials[point.material as usize].surface.is_dispersive();
+        let edge = |boundary: &Boundary, lobe| Edge { boundary: *boundary, lobe, dispersive };
+        Some(Link {
+            vertex,
+            events: Events::ALL,
+            boundary: bsdf
+                .sharp()
+                .map(|boundary| edge(boundary, false))
+                .or_else(|| bsdf.nearly_sharp().map(|boundary| edge(boundary, true))),
+            factor: segment.factor * segment.medium.transmittance(distance),
+            path_m: segment.path_m + distance,
+        })
+    }
+
     /// Mean over the samples of what a node's surface sends back by itself.
     fn surface_radiance(
         &self,
@@ -222,9 +335,12 @@ impl FrameRenderer {
     ) -> Vec3 {
         let evaluated = self.baked_events(request, link, node);
         // Without anything random left one sample says it all.
-        let certain = link
-            .boundary
-            .is_some_and(|boundary| !evaluated.reflect && (!evaluated.refract || boundary.refracted.is_none()));
+        let certain = link.boundary.is_some_and(|edge| {
+            !edge.lobe
+                && !evaluated.reflect
+                && (!evaluated.refract || edge.boundary.refracted.is_none())
+                && !self.has_lobes(link)
+        });
         let spp = if certain { 1 } else { request.spp.max(1) };
         let stream = (pixel * MAX_NODES + node) as u64;
         let (mut sum, mut kept) = (DVec3::ZERO, 0);
@@ -241,50 +357,78 @@ impl FrameRenderer {
         (sum / f64::from(kept.max(1))).as_vec3()
     }
 
-    /// The specular events of a surface that have no node of their own.
-    fn baked_events(&self, request: &FrameRequest, link: &Link, node: usize) -> SpecularEvents {
+    fn is_simulated(&self, arrival: Arrival) -> bool {
+        match arrival {
+            Arrival::Direct => true,
+            Arrival::Reflected => self.tracer.simulated.reflection,
+            Arrival::Refracted => self.tracer.simulated.refraction,
+        }
+    }
+
+    fn has_lobes(&self, Link { vertex, .. }: &Link) -> bool {
+        Bsdf::at(self.scene(), &vertex.point, vertex.direction, vertex.medium, None).has(Lobes::ALL)
+    }
+
+    /// The events of a surface that have no node of their own.
+    fn baked_events(&self, request: &FrameRequest, link: &Link, node: usize) -> Events {
         // A boundary that no pixel value stands for has no children: all is baked.
         let shown = |arrival| self.interface_at(link).is_some() && request.plan.child(node, arrival).is_some();
-        SpecularEvents { reflect: !shown(Arrival::Reflected), refract: !shown(Arrival::Refracted) }
+        let (reflect, refract) = (!shown(Arrival::Reflected), !shown(Arrival::Refracted));
+        match link.boundary {
+            None => link.events,
+            Some(Edge { lobe: false, .. }) => Events { reflect, refract, ..link.events },
+            Some(Edge { lobe: true, .. }) => {
+                let lobes = link.events.lobes.map(|lobes| Lobes { reflected: reflect, refracted: refract, ..lobes });
+                Events { lobes, ..link.events }
+            }
+        }
     }
 
     /// Pixel value and normal in world of a node's boundary.
     fn interface_at(&self, link: &Link) -> Option<(u8, Vec3)> {
-        let boundary = link.boundary.as_ref()?;
-        let from_inside = link.vertex.direction.dot(link.vertex.point.geometric_normal) >= 0.0;
-        let index = self.interface_of_material[link.vertex.point.material as usize][usize::from(from_inside)];
-        (index > 0).then_some((index, boundary.normal))
+        let Edge { boundary, .. } = link.boundary.as_ref()?;
+        let index = self.interfaces.0.iter().position(|interface| *interface == boundary.interface)?;
+        Some((index as u8 + 1, boundary.normal))
     }
 }
 
 impl Link {
     /// The ray that arrives here by reflection or refraction, if there is one.
     fn follow(&self, arrival: Arrival, counts: &mut RayCounts) -> Option<Segment> {
-        let boundary = self.boundary.as_ref()?;
-        let segments = self.vertex.segments + 1;
-        match arrival {
-            Arrival::Direct => None,
+        const NOTHING: Events = Events { emission: false, reflect: false, refract: false, lobes: None };
+        let Edge { boundary, lobe, dispersive } = self.boundary.as_ref()?;
+        let (direction, medium, factor, over, blurred) = match arrival {
+            Arrival::Direct => return None,
             Arrival::Reflected => {
                 counts.reflect += 1;
-                let ray = self.vertex.point.leave(boundary.reflected);
-                Some(Segment {
-                    ray,
-                    medium: self.vertex.medium,
-                    factor: self.factor * boundary.reflected_factor,
-                    segments,
-                    path_m: self.path_m,
-                })
+                let lobes = Lobes::REFLECTED;
+                let blurred = lobe.then_some(Events { lobes: Some(lobes), ..NOTHING });
+                let over = boundary.reflectance;
+                (boundary.reflected, self.vertex.medium, boundary.reflected_factor, over, blurred)
             }
             Arrival::Refracted => {
                 let refracted = boundary.refracted?;
                 counts.refract += 1;
-                let ray = self.vertex.point.leave(refracted.direction);
-                let factor = self.factor * refracted.factor;
-                Some(Segment { ray, medium: refracted.medium, factor, segments, path_m: self.path_m })
+                let lobes = Lobes::REFRACTED;
+                let blurred = match (lobe, dispersive) {
+                    (true, _) => Some(Events { lobes: Some(lobes), ..NOTHING }),
+                    (false, true) => Some(Events { refract: true, ..NOTHING }),
+                    (false, false) => None,
+                };
+                (refracted.direction, refracted.medium, refracted.factor, Vec3::ONE - boundary.reflectance, blurred)
             }
-        }
+        };
+        let factor = if blurred.is_some() { self.factor } else { self.factor * factor };
+        // Where the boundary's weight is next to nothing, so is what the client makes of this node.
+        let blurred = blurred.map(|events| (self.vertex, events, over.max(Vec3::splat(MIN_WEIGHT))));
+        let segments = self.vertex.segments + 1;
+        let ray = self.vertex.point.leave(direction);
+        Some(Segment { ray, medium, factor, segments, path_m: self.path_m, blurred })
     }
 }
+
+/// Least weight that the radiance of a blurred node is divided by: a thousandth is below what 8 bits show.
+const MIN_WEIGHT: f32 = 1e-3;
 
 /// The eye of a picture, in the tracer's precision.
 pub(crate) struct Eye {
@@ -294,9 +438,10 @@ pub(crate) struct Eye {
 }
 
 impl Eye {
-    pub(crate) fn new(pose: &Pose, camera: Camera) -> Eye {
+    /// The tracer's space is the world about the scene's origin.
+    pub(crate) fn new(scene: &Scene, pose: &Pose, camera: Camera) -> Eye {
         let world_from_view = glam::DMat3::from_quat(pose.orientation.normalize()).as_mat3();
-        Eye { position: pose.position.as_vec3(), world_from_view, camera }
+        Eye { position: (pose.position - scene.origin).as_vec3(), world_from_view, camera }
     }
 
     /// The ray through a position of the image.
@@ -315,25 +460,18 @@ impl Eye {
     }
 }
 
-/// The distinct optical boundaries of a scene's materials and, for each material, their pixel values from
-/// outside and from inside. Those beyond [`MAX_INTERFACES`] get no value: their reflections are baked.
-fn interfaces_of(scene: &Scene) -> (Interfaces, Vec<[u8; 2]>) {
+/// The distinct optical boundaries of a scene's materials. Those beyond [`MAX_INTERFACES`] are left out: their
+/// reflections are baked.
+fn interfaces_of(scene: &Scene) -> Interfaces {
     let mut interfaces: Vec<Interface> = Vec::new();
-    let mut pixel_value = |interface: Interface| {
-        if let Some(known) = interfaces.iter().position(|&known| known == interface) {
-            return (known + 1) as u8;
+    for material in &scene.materials {
+        for interface in [true, false].into_iter().filter_map(|outside| interface_of(&material.surface, outside)) {
+            if interface.is_valid() && interfaces.len() < MAX_INTERFACES && !interfaces.contains(&interface) {
+                interfaces.push(interface);
+            }
         }
-        if interfaces.len() == MAX_INTERFACES || !interface.is_valid() {
-            return 0;
-        }
-        interfaces.push(interface);
-        interfaces.len() as u8
-    };
-    let of_materials = scene.materials.iter().map(|material| {
-        [true, false].map(|from_outside| interface_of(&material.surface, from_outside).map_or(0, &mut pixel_value))
-    });
-    let of_materials = of_materials.collect();
-    (Interfaces(interfaces), of_materials)
+    }
+    Interfaces(interfaces)
 }
 
 #[cfg(test)]

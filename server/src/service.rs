@@ -9,6 +9,7 @@ use rayon::{ThreadPool, ThreadPoolBuildError, ThreadPoolBuilder};
 use std::sync::Arc;
 use thread_priority::{ThreadPriority, set_current_thread_priority};
 use warplight_protocol::codec::Limits;
+use warplight_protocol::frame::Plan;
 
 /// How live frames find the light on diffuse surfaces. Stills are always path-traced.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
@@ -21,7 +22,7 @@ pub enum Estimator {
 }
 
 /// How a scene is served.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub struct ServiceOptions {
     /// Samples of a live frame.
     pub samples: SampleBudget,
@@ -35,13 +36,23 @@ pub struct ServiceOptions {
     pub threads: usize,
     /// Threads that render stills, when nothing is displayed; 0 for one per core.
     pub still_threads: usize,
+    /// Nodes of a live frame, if not those that the scene calls for.
+    pub plan: Option<Plan>,
 }
 
 impl Default for ServiceOptions {
     fn default() -> ServiceOptions {
         let samples = SampleBudget::Time(std::time::Duration::from_millis(80));
         let estimator = Estimator::default();
-        ServiceOptions { samples, estimator, max_depth: DEFAULT_MAX_DEPTH, seed: 1, threads: 0, still_threads: 0 }
+        ServiceOptions {
+            samples,
+            estimator,
+            max_depth: DEFAULT_MAX_DEPTH,
+            seed: 1,
+            threads: 0,
+            still_threads: 0,
+            plan: None,
+        }
     }
 }
 
@@ -78,7 +89,7 @@ impl Service {
             effects: Effects::of(&scene).names(),
             head: scene.head,
             exposure: scene.exposure,
-            plan: plan_of(&scene),
+            plan: options.plan.clone().unwrap_or_else(|| plan_of(&scene)),
             interfaces: renderer.interfaces().clone(),
             samples: options.samples,
             max_still_spp: MAX_STILL_SPP,

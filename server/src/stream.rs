@@ -2,10 +2,10 @@
 
 use crate::cache::CacheSettings;
 use crate::counters::Counters;
-use crate::frame::{BAND_ROWS, FrameRequest, LiveFrames};
+use crate::frame::{BAND_ROWS, FrameRenderer, FrameRequest, LiveFrames};
 use crate::service::{Estimator, Service};
 use crate::session::RenderJob;
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError};
 use warplight_protocol::codec::StripEncoder;
 use warplight_protocol::frame::{Interfaces, Plan, Tree, TreeRows};
 use warplight_protocol::message::FramePurpose;
@@ -18,6 +18,8 @@ pub const STRIP_ROWS: u16 = BAND_ROWS as u16;
 #[derive(Debug)]
 pub struct FrameStream {
     service: Service,
+    /// The stream's own, where the scene moves.
+    moving: Option<Box<FrameRenderer>>,
     tree: Tree,
     /// From the first live frame that asks for it.
     live: Option<LiveFrames>,
@@ -30,7 +32,10 @@ impl FrameStream {
     pub fn new(service: Service) -> FrameStream {
         let camera = Camera::symmetric(1.0, ImageSize::new(1, 1));
         let tree = Tree::new(Pose::IDENTITY, camera, Plan::diffuse(), Interfaces::default());
-        FrameStream { service, tree, live: None, encoders: Mutex::default(), counters: Counters::default() }
+        let renderer = &service.renderer;
+        let own = || FrameRenderer::limited(Arc::new(renderer.scene().as_ref().clone()), renderer.tracer().simulated);
+        let moving = renderer.moves().then(|| Box::new(own()));
+        FrameStream { service, moving, tree, live: None, encoders: Mutex::default(), counters: Counters::default() }
     }
 
     /// Renders and encodes a frame on all cores. `on_rendered` is called when a band is rendered, `on_strip`
@@ -46,7 +51,7 @@ impl FrameStream {
             // Each frame has noise of its own, or it would stick to the screen.
             seed: self.service.options.seed.wrapping_mul(0x9e37_79b9_7f4a_7c15).wrapping_add(u64::from(job.begin.id.0)),
         };
-        let FrameStream { service, tree, live, encoders, counters } = self;
+        let FrameStream { service, moving, tree, live, encoders, counters } = self;
         // Shared by the workers: no longer this method's alone.
         let encoders = &*encoders;
         let on_band = |band: &TreeRows<'_>| {
@@ -61,12 +66,16 @@ impl FrameStream {
         let is_live = job.begin.purpose == FramePurpose::Live;
         let pool = if is_live { &service.live_pool } else { &service.still_pool };
         let samples = f64::from(job.samples_per_1024_px) / 1024.0 * shape.camera.size.pixels() as f64;
+        if let Some(renderer) = moving {
+            renderer.move_to(job.begin.scene_time);
+        }
+        let renderer = moving.as_deref().unwrap_or(&service.renderer);
         pool.install(|| match service.options.estimator {
             Estimator::Cached if is_live => {
                 let live = live.get_or_insert_with(|| LiveFrames::new(CacheSettings::default()));
-                service.renderer.render_live(&request, samples, live, tree, counters, &on_band);
+                renderer.render_live(&request, samples, live, tree, counters, &on_band);
             }
-            _ => service.renderer.render(&request, tree, counters, &on_band),
+            _ => renderer.render(&request, tree, counters, &on_band),
         });
     }
 

@@ -1,15 +1,17 @@
 //! Scenes and statistics for the tests of this crate.
 
+pub(crate) mod chi_square;
+
 use crate::film::{Image, PixelFilter, RenderSettings, render_image};
 use crate::integrator::PathTracer;
-use crate::scene::{Color, Environment, Material, Mesh, Scene, Sphere, Surface};
+use crate::scene::{Color, Environment, Finish, Material, Mesh, RenderDefaults, Scene, Sphere, Surface};
 use glam::{Vec2, Vec3};
 use std::ops::ControlFlow;
 use std::path::PathBuf;
 use warplight_protocol::{Camera, Pose};
 
 pub(crate) fn material(name: &str, surface: Surface, emission: Vec3) -> Material {
-    Material { name: name.to_owned(), surface, emission: Color::Constant(emission), emission_two_sided: false }
+    Material { emission: Color::Constant(emission), ..Material::new(name, surface) }
 }
 
 pub(crate) fn diffuse(albedo: f32) -> Material {
@@ -29,7 +31,18 @@ pub(crate) fn mirror() -> Material {
 }
 
 pub(crate) fn glass(ior: f32) -> Material {
-    material("glass", Surface::Dielectric { ior, filter: Vec3::ONE, absorption: Vec3::ZERO }, Vec3::ZERO)
+    material("glass", solid(ior, Vec3::ONE, Vec3::ZERO), Vec3::ZERO)
+}
+
+/// A smooth transparent solid.
+pub(crate) fn solid(ior: f32, filter: Vec3, absorption: Vec3) -> Surface {
+    let filter = Color::Constant(filter);
+    Surface::Dielectric { ior, dispersion: 0.0, filter, absorption, finish: Finish::SMOOTH }
+}
+
+/// A smooth metal.
+pub(crate) fn metal(eta: Vec3, k: Vec3) -> Surface {
+    Surface::Conductor { eta, k, filter: Color::Constant(Vec3::ONE), finish: Finish::SMOOTH }
 }
 
 /// Puts a scene together.
@@ -42,14 +55,18 @@ impl SceneBuilder {
         SceneBuilder {
             scene: Scene {
                 name: "test".to_owned(),
+                origin: glam::DVec3::ZERO,
                 mesh: Mesh::default(),
                 spheres: Vec::new(),
                 materials: Vec::new(),
                 textures: Vec::new(),
+                lights: Vec::new(),
                 environment: Environment::Black,
                 exposure: 1.0,
                 head: Pose::IDENTITY,
                 cameras: Vec::new(),
+                motions: Vec::new(),
+                defaults: RenderDefaults::default(),
                 warnings: Vec::new(),
             },
         }
@@ -154,7 +171,7 @@ impl SceneBuilder {
 
 /// Samples through pixel centres, without a limit that anything in a test could reach.
 pub(crate) fn settings(spp: u32, max_depth: u32, seed: u64) -> RenderSettings {
-    RenderSettings { spp, max_depth, seed, filter: PixelFilter::Centre }
+    RenderSettings { spp, max_depth, seed, filter: PixelFilter::Centre, batch_spp: None }
 }
 
 pub(crate) fn render(tracer: &PathTracer, camera: &Camera, pose: &Pose, settings: &RenderSettings) -> Image {

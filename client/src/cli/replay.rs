@@ -15,7 +15,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use std::io::IsTerminal;
 use std::path::PathBuf;
 use std::time::Duration;
-use warplight_protocol::frame::FrameFormat;
+use warplight_protocol::frame::{FrameFormat, Plan};
 use warplight_protocol::{Camera, ImageSize};
 use warplight_server::scene::Scene;
 use warplight_server::service::{DEFAULT_MAX_DEPTH, Estimator, Service, ServiceOptions};
@@ -104,6 +104,9 @@ pub(super) struct ReplayArgs {
     /// Longest light path of the embedded server in segments.
     #[arg(long, default_value_t = DEFAULT_MAX_DEPTH, value_parser = clap::value_parser!(u32).range(1..=1000))]
     max_depth: u32,
+    /// Nodes of a frame of the embedded server, as D,R,F,FF,FFR; by default those that the scene calls for.
+    #[arg(long, value_name = "NODES", conflicts_with = "connect")]
+    plan: Option<Plan>,
     /// Formats of the planes.
     #[arg(long, value_enum, default_value_t = Format::Default)]
     format: Format,
@@ -257,7 +260,8 @@ fn service_of(arguments: &ReplayArgs, threads: usize, warnings: &mut Vec<String>
         (None, Clock::Real) => SampleBudget::Time(time_budget(arguments)),
     };
     let (estimator, max_depth, seed) = (Estimator::default(), arguments.max_depth, arguments.seed);
-    let options = ServiceOptions { samples, estimator, max_depth, seed, threads, still_threads: 0 };
+    let plan = arguments.plan.clone();
+    let options = ServiceOptions { samples, estimator, max_depth, seed, threads, still_threads: 0, plan };
     Ok(Service::new(scene, options).context("starting the rendering threads")?)
 }
 

@@ -174,18 +174,19 @@ impl Player<'_> {
         });
         self.recording.frame_shown(frame.begin.id, warped, presented, display_pose);
         if (self.recording.captures.len() as u64) < self.plan.comparisons_by(number) {
-            self.recording.captures.push(Capture { time, display_pose, frame: frame.clone(), reference: None });
+            let frame = frame.clone();
+            self.recording.captures.push(Capture { time, scene_time: sampled, display_pose, frame, reference: None });
         }
     }
 
     /// Asks for the converged picture of every compared refresh, and for the first of them once more.
     fn fetch_references(&mut self, progress: &mut dyn FnMut(Progress)) -> Result<(), ReplayError> {
-        let poses = self.recording.reference_poses();
-        let total = poses.len() as u64;
-        for (number, pose) in (0_u32..).zip(poses) {
+        let views = self.recording.reference_views();
+        let (total, spp) = (views.len() as u64, self.plan.quality_spp);
+        for (number, (pose, scene_time)) in (0_u32..).zip(views) {
             progress(Progress::Reference(u64::from(number), total));
             self.stills_missing = 1;
-            self.connection.tell(Command::Still(StillRequest { number, pose, spp: self.plan.quality_spp }));
+            self.connection.tell(Command::Still(StillRequest { number, pose, scene_time, spp }));
             let deadline = self.connection.now() + STILL_PATIENCE;
             while self.stills_missing > 0 {
                 if let Some(news) = self.connection.wait_for_news(Duration::from_millis(100)) {

@@ -53,6 +53,8 @@ pub struct FrameRecord {
 pub struct Capture {
     /// When, since the first refresh.
     pub time: Duration,
+    /// The same by the client's clock, which is that of the scene.
+    pub scene_time: Timestamp,
     /// world_from_view of the display.
     pub display_pose: Pose,
     /// The frame that was shown.
@@ -156,9 +158,11 @@ impl Recording {
 }
 
 impl Recording {
-    /// Poses whose reference is needed, by the number of the request: every capture's, and the first's again.
-    pub fn reference_poses(&self) -> Vec<Pose> {
-        self.captures.iter().chain(self.captures.first()).map(|capture| capture.display_pose).collect()
+    /// Poses and instants whose reference is needed, by the number of the request: every capture's, and the first's
+    /// again.
+    pub fn reference_views(&self) -> Vec<(Pose, Timestamp)> {
+        let captures = self.captures.iter().chain(self.captures.first());
+        captures.map(|capture| (capture.display_pose, capture.scene_time)).collect()
     }
 
     /// Takes in the answer to a request.

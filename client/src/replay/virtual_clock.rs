@@ -12,10 +12,10 @@ use crate::trace::Trace;
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
+use warplight_protocol::Timestamp;
 use warplight_protocol::codec::{DecodeError, Limits};
 use warplight_protocol::frame::FrameId;
 use warplight_protocol::message::{FrameBegin, FramePurpose, PoseSample, StillRequest};
-use warplight_protocol::{Pose, Timestamp};
 use warplight_server::service::Service;
 use warplight_server::session::ServerSession;
 use warplight_server::stream::{FrameStream, STRIP_ROWS};
@@ -316,16 +316,17 @@ impl<'a> World<'a> {
         });
         self.recording.frame_shown(frame.begin.id, self.now + warp, presented, display_pose);
         if (self.recording.captures.len() as u64) < self.plan.comparisons_by(number) {
-            self.recording.captures.push(Capture { time, display_pose, frame: frame.clone(), reference: None });
+            let frame = frame.clone();
+            self.recording.captures.push(Capture { time, scene_time: self.now, display_pose, frame, reference: None });
         }
     }
 
     /// Asks for the converged picture of every compared refresh, and for the first of them once more.
     fn fetch_references(&mut self, progress: &mut dyn FnMut(Progress)) -> Result<(), ReplayError> {
-        let poses: Vec<Pose> = self.recording.reference_poses();
-        let total = poses.len() as u64;
-        for (number, pose) in (0_u32..).zip(poses) {
-            self.client.request_still(StillRequest { number, pose, spp: self.plan.quality_spp });
+        let views = self.recording.reference_views();
+        let (total, spp) = (views.len() as u64, self.plan.quality_spp);
+        for (number, (pose, scene_time)) in (0_u32..).zip(views) {
+            self.client.request_still(StillRequest { number, pose, scene_time, spp });
             self.references_missing = 1;
             progress(Progress::Reference(u64::from(number), total));
             while self.references_missing > 0 {

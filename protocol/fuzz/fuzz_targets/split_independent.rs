@@ -27,6 +27,7 @@ fn run(mut u: Unstructured<'_>) -> Result<()> {
             purpose: FramePurpose::Live,
             pose_time: Timestamp::ZERO,
             horizon_micros: 20_000,
+            scene_time: Timestamp { micros: 20_000 },
             render_pose: Pose::IDENTITY,
             shape: shape.clone(),
         }),

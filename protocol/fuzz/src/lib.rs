@@ -19,6 +19,7 @@ pub fn shape(u: &mut Unstructured<'_>) -> Result<FrameShape> {
     let kinds = [
         Interface::Mirror,
         Interface::Dielectric { eta: 1.5 },
+        Interface::Pane { eta: 1.5 },
         Interface::Conductor { eta: [0.2, 0.9, 1.1], k: [3.9, 2.4, 2.2] },
     ];
     let entries = u.int_in_range(0..=4)?;

@@ -6,7 +6,7 @@ use crate::frame::{Arrival, ColorFormat, NodeRows, TreeRows, UNDEFINED};
 use crate::optics::Interface;
 
 /// The radiance of the largest code: what saturates the display, or more where the node is only seen
-/// through the weak reflection of a dielectric.
+/// through the weak reflection of a dielectric or a pane.
 pub(crate) fn white(shape: &FrameShape, rows: &TreeRows<'_>, node: usize) -> f32 {
     /// A dielectric reflects a quarter at 78 degrees; beyond this, colour steps of a mirror in the same strip
     /// would show.
@@ -20,8 +20,9 @@ pub(crate) fn white(shape: &FrameShape, rows: &TreeRows<'_>, node: usize) -> f32
     let parent = &rows.nodes[usize::from(place.parent)];
     let mut white = display_white;
     for (pixel, &interface) in parent.interface.iter().enumerate() {
-        let is_dielectric = matches!(shape.interfaces.at(interface), Some(Interface::Dielectric { .. }));
-        if is_dielectric && planes.distance[pixel] != UNDEFINED {
+        let is_weak =
+            matches!(shape.interfaces.at(interface), Some(Interface::Dielectric { .. } | Interface::Pane { .. }));
+        if is_weak && planes.distance[pixel] != UNDEFINED {
             let [red, green, blue] = &planes.radiance;
             // `max` drops NaN.
             white = white.max(red[pixel]).max(green[pixel]).max(blue[pixel]);

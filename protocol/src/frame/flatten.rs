@@ -30,9 +30,8 @@ fn radiance_along(tree: &Tree, node: usize, pixel: usize, direction: Vec3) -> Ve
             let weight = interface.reflectance(cos_incident);
             radiance += weight * radiance_along(tree, child, pixel, optics::reflect(direction, normal));
         }
-        if let (Some(child), optics::Interface::Dielectric { eta }) =
-            (tree.plan.child(node, Arrival::Refracted), interface)
-            && let Some(refracted) = optics::refract(direction, normal, *eta)
+        if let Some(child) = tree.plan.child(node, Arrival::Refracted)
+            && let Some(refracted) = interface.refracted(direction, normal)
         {
             let weight = interface.transmittance(cos_incident);
             radiance += weight * radiance_along(tree, child, pixel, refracted);

@@ -33,7 +33,7 @@ pub struct Plan {
 }
 
 /// What is wrong with a list of nodes.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum PlanError {
     /// No node, or more than [`MAX_NODES`].
     #[error("a plan has 1 to {MAX_NODES} nodes, found {0}")]
@@ -47,6 +47,9 @@ pub enum PlanError {
     /// Two children of one parent by the same arrival.
     #[error("node {0}: its parent {1} has such a child already")]
     Twice(usize, u8),
+    /// A text that names no nodes.
+    #[error("expected nodes like D,R,F,FF: D, and paths of R and F whose beginnings are there, too, found '{0}'")]
+    Letters(String),
 }
 
 const fn node(parent: u8, arrival: Arrival) -> Node {
@@ -154,6 +157,36 @@ impl Plan {
     }
 }
 
+/// The letters of its nodes, in any order: `D,R,F,FF`.
+impl std::str::FromStr for Plan {
+    type Err = PlanError;
+    fn from_str(text: &str) -> Result<Plan, PlanError> {
+        let unknown = || PlanError::Letters(text.to_owned());
+        let mut names: Vec<String> = text.split(',').map(|name| name.trim().to_uppercase()).collect();
+        let root = names.iter().position(|name| name == "D").ok_or_else(unknown)?;
+        names[root].clear();
+        // Pre-order, with R before F.
+        names.sort_by_key(|name| name.replace('R', "A"));
+        let mut nodes = Vec::new();
+        for (index, name) in names.iter().enumerate() {
+            nodes.push(match name.chars().last() {
+                None => node(0, Arrival::Direct),
+                Some(last) => {
+                    let parent =
+                        names[..index].iter().position(|parent| *parent == name[..name.len() - last.len_utf8()]);
+                    let parent = parent.and_then(|parent| u8::try_from(parent).ok()).ok_or_else(unknown)?;
+                    match last {
+                        'R' => node(parent, Arrival::Reflected),
+                        'F' => node(parent, Arrival::Refracted),
+                        _ => return Err(unknown()),
+                    }
+                }
+            });
+        }
+        Plan::new(nodes)
+    }
+}
+
 impl TryFrom<Vec<Node>> for Plan {
     type Error = PlanError;
     fn try_from(nodes: Vec<Node>) -> Result<Plan, PlanError> {
@@ -202,5 +235,17 @@ mod tests {
         // The child of node 1 stands behind node 2: not pre-order.
         let late = node(1, Arrival::Refracted);
         assert_eq!(Plan::new(vec![root, reflected, refracted, late]), Err(PlanError::Order(3, 1)));
+    }
+
+    #[test]
+    fn plans_are_read_from_the_letters_of_their_nodes() {
+        let names = |plan: &Plan| (0..plan.nodes().len()).map(|node| plan.letters(node)).collect::<Vec<_>>().join(",");
+        for plan in [Plan::diffuse(), Plan::mirror(), Plan::water(), Plan::solid()] {
+            assert_eq!(names(&plan).parse::<Plan>(), Ok(plan));
+        }
+        assert_eq!(names(&"ff, r, d, f, fr, rr, ffr".parse::<Plan>().unwrap()), "D,R,RR,F,FR,FF,FFR");
+        for bad in ["", "R", "D,X", "D,FF", "D,D", "D,R,R", "D,é"] {
+            assert!(bad.parse::<Plan>().is_err(), "{bad}");
+        }
     }
 }

@@ -145,6 +145,9 @@ pub struct FrameBegin {
     pub pose_time: Timestamp,
     /// How far ahead of that pose the render pose was predicted, in microseconds.
     pub horizon_micros: u32,
+    /// The instant of the scene that it shows, by the client's clock: that of its display, as far as the server can
+    /// tell, or what a still was asked for.
+    pub scene_time: Timestamp,
     /// The render pose in its precise wire form.
     #[serde(with = "pose_bytes")]
     pub render_pose: Pose,
@@ -204,6 +207,8 @@ pub struct StillRequest {
     /// world_from_view, in its precise wire form.
     #[serde(with = "pose_bytes")]
     pub pose: Pose,
+    /// The instant of the scene, by the client's clock: things that move are where they are then.
+    pub scene_time: Timestamp,
     /// Samples per pixel.
     pub spp: u32,
 }

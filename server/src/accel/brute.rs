@@ -1,6 +1,8 @@
 //! The plain intersector: every shape, one after the other. The oracle that the hierarchy is tested against.
 
-use super::{Hit, Ray, Shape, ShearedRay};
+use super::shape::Shape;
+use super::triangle::ShearedRay;
+use super::{Hit, Ray};
 use crate::scene::Scene;
 
 /// All shapes of a scene, without a hierarchy.
@@ -12,10 +14,10 @@ pub struct BruteForce {
 impl BruteForce {
     /// Takes the shapes of a scene.
     pub fn new(scene: &Scene) -> BruteForce {
-        BruteForce { shapes: Shape::all(scene) }
+        BruteForce { shapes: Shape::all(scene).collect() }
     }
 
-    /// The first surface along the ray.
+    /// The first surface along the ray; of two at the same distance the one of lower id.
     pub fn closest(&self, ray: &Ray) -> Option<Hit> {
         let sheared = ShearedRay::new(ray.origin, ray.direction);
         let mut closest: Option<Hit> = None;

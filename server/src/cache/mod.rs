@@ -13,18 +13,21 @@
 //! never by racing threads: contents are a function of the sequence of frames alone.
 //!
 //! Limits: within a cell light is taken as constant (bilinear between cells): contact shadows narrower than
-//! two cells are blurred. Light that moves is followed at the pace of [`CacheSettings::max_samples`]. Cost:
-//! 21 bytes per cell, and per frame what [`crate::frame`] states.
+//! two cells are blurred. Light that changes without being noticed by [`Changes`] is followed at the pace of
+//! [`CacheSettings::max_samples`]. Cost: 22 bytes per cell, and per frame what [`crate::frame`] states.
 
 mod cell;
+mod change;
 mod stencil;
 mod table;
 
 use cell::{Address, Facing, Grid};
+pub(crate) use change::{Changes, Comparison};
 pub(crate) use stencil::Stencils;
+pub(crate) use table::luminance;
 
 use glam::Vec3;
-use table::{Deposit, SHARDS, Table, shard_of};
+use table::{Deposit, SHARDS, Site, Table, shard_of};
 
 /// Grids that a sample of a visible point goes into, each twice as wide as the one before: 16 times between
 /// the finest and the coarsest, where a first frame has about a hundred samples per cell.
@@ -43,7 +46,7 @@ pub struct CacheSettings {
 
 impl Default for CacheSettings {
     fn default() -> CacheSettings {
-        // 22 MB, a million cells: a frame of 1024x1024 pixels lights a quarter of them.
+        // 23 MB, a million cells: a frame of 1024x1024 pixels lights a quarter of them.
         CacheSettings { log2_blocks: 16, max_samples: 4096.0 }
     }
 }
@@ -119,8 +122,19 @@ impl IrradianceCache {
     pub(crate) fn add<'a>(&mut self, parts: impl Iterator<Item = &'a Deposits> + Clone + Sync) {
         self.frame = self.frame.wrapping_add(1).max(1);
         self.table.add(self.frame, self.settings.max_samples, |shard| {
-            parts.clone().flat_map(move |part| part.shards[shard].iter())
+            let sites = |part: &'a Deposits| move |deposit: &Deposit| part.site_of(deposit);
+            parts.clone().flat_map(move |part| {
+                let site = sites(part);
+                part.shards[shard].iter().map(move |deposit| (deposit, site(deposit)))
+            })
         });
+    }
+
+    /// Forgets samples where light has changed.
+    pub(crate) fn fade(&mut self, changes: &Changes) {
+        if changes.any() {
+            self.table.fade(|site| changes.fade_at(site.position, site.cell_m));
+        }
     }
 }
 
@@ -128,11 +142,13 @@ impl IrradianceCache {
 #[derive(Debug, Default)]
 pub(crate) struct Deposits {
     shards: [Vec<Deposit>; SHARDS],
+    positions: Vec<Vec3>,
 }
 
 impl Deposits {
     pub(crate) fn clear(&mut self) {
         self.shards.iter_mut().for_each(Vec::clear);
+        self.positions.clear();
     }
 
     /// A sample at a visible point.
@@ -145,8 +161,15 @@ impl Deposits {
         self.add(place, value, SECONDARY_LEVELS);
     }
 
+    /// Where the sample of a deposit was taken.
+    fn site_of(&self, deposit: &Deposit) -> Site {
+        Site { position: self.positions[deposit.sample as usize], cell_m: f32::from(deposit.level).exp2() }
+    }
+
     fn add(&mut self, place: &Place, value: Vec3, levels: i32) {
         let first = level_of(place.cell_m).0;
+        let sample = self.positions.len() as u32;
+        self.positions.push(place.position);
         for (facing, weight) in Facing::of(place.normal) {
             if weight <= 0.0 {
                 continue;
@@ -154,7 +177,13 @@ impl Deposits {
             for level in first..first + levels {
                 let grid = Grid::new(level, facing);
                 let address = grid.address(grid.cell(place.position));
-                self.shards[shard_of(address.block)].push(Deposit { address, value, weight });
+                self.shards[shard_of(address.block)].push(Deposit {
+                    address,
+                    level: level as i8,
+                    sample,
+                    value,
+                    weight,
+                });
             }
         }
     }

@@ -5,9 +5,10 @@
 //! by shard, each by one worker and in the order of the image, so that the contents do not depend on the
 //! number of threads, and sums may be floats.
 //!
-//! Cost: 332 bytes per block; a lookup touches a cache line for the name and one for the cell.
+//! Cost: 348 bytes per block; a lookup touches a cache line for the name and one for the cell.
 
 use super::cell::{Address, BLOCK_CELLS};
+use super::change::Fade;
 use glam::Vec3;
 use rayon::prelude::*;
 
@@ -34,6 +35,10 @@ pub(crate) type Block = [Cell; BLOCK_CELLS];
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Deposit {
     pub(crate) address: Address,
+    /// Level of its grid.
+    pub(crate) level: i8,
+    /// Which sample of its part of the frame it is of.
+    pub(crate) sample: u32,
     /// Share of the sample that belongs to the cell.
     pub(crate) weight: f32,
     /// Irradiance over pi.
@@ -52,11 +57,20 @@ struct Set {
     last_frames: [u32; WAYS],
 }
 
+/// Where a block is: a place in one of its cells.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct Site {
+    pub(crate) position: Vec3,
+    /// Width of its cells.
+    pub(crate) cell_m: f32,
+}
+
 /// All cells.
 #[derive(Debug)]
 pub(crate) struct Table {
     sets: Vec<Set>,
     blocks: Vec<[Block; WAYS]>,
+    sites: Vec<[Site; WAYS]>,
     sets_per_shard: usize,
 }
 
@@ -66,7 +80,12 @@ impl Table {
         let sets_per_shard = ((1_usize << log2_blocks) / SHARDS / WAYS).max(1);
         let sets = sets_per_shard * SHARDS;
         let empty = [[Cell::default(); BLOCK_CELLS]; WAYS];
-        Table { sets: vec![Set::default(); sets], blocks: vec![empty; sets], sets_per_shard }
+        Table {
+            sets: vec![Set::default(); sets],
+            blocks: vec![empty; sets],
+            sites: vec![[Site::default(); WAYS]; sets],
+            sets_per_shard,
+        }
     }
 
     /// Forgets everything.
@@ -76,7 +95,7 @@ impl Table {
 
     /// Bytes held.
     pub(crate) fn bytes(&self) -> usize {
-        size_of_val(&self.sets[..]) + size_of_val(&self.blocks[..])
+        size_of_val(&self.sets[..]) + size_of_val(&self.blocks[..]) + size_of_val(&self.sites[..])
     }
 
     /// The block of a name, if it is known.
@@ -91,20 +110,36 @@ impl Table {
         self.block(address.block).map(|block| &block[usize::from(address.within)]).filter(|cell| cell.count > 0.0)
     }
 
-    /// Adds the deposits of a frame. `deposits` yields, for a shard, its deposits in the order of the image.
-    /// A mean runs over at most about `max_count` samples.
+    /// Adds the deposits of a frame. `deposits` yields, for a shard, its deposits in the order of the image,
+    /// with where they are. A mean runs over at most about `max_count` samples.
     pub(crate) fn add<'a, I>(&mut self, frame: u32, max_count: f32, deposits: impl Fn(usize) -> I + Sync)
     where
-        I: Iterator<Item = &'a Deposit>,
+        I: Iterator<Item = (&'a Deposit, Site)>,
     {
         let sets_per_shard = self.sets_per_shard;
         let sets = self.sets.par_chunks_mut(sets_per_shard);
         let blocks = self.blocks.par_chunks_mut(sets_per_shard);
-        sets.zip(blocks).enumerate().for_each(|(shard, (sets, blocks))| {
-            for deposit in deposits(shard) {
+        let sites = self.sites.par_chunks_mut(sets_per_shard);
+        sets.zip(blocks).zip(sites).enumerate().for_each(|(shard, ((sets, blocks), sites))| {
+            for (deposit, site) in deposits(shard) {
                 let set = set_of(deposit.address.block, sets_per_shard);
                 let place = sets[set].place_for(deposit.address.block, frame, &mut blocks[set]);
+                sites[set][place] = site;
                 blocks[set][place][usize::from(deposit.address.within)].add(deposit, max_count);
+            }
+        });
+    }
+}
+
+impl Table {
+    /// Takes samples from the cells of each block for which `fade_at` says so.
+    pub(crate) fn fade(&mut self, fade_at: impl Fn(&Site) -> Option<Fade> + Sync) {
+        let of_sets = self.blocks.par_iter_mut().zip(&self.sites).zip(&self.sets);
+        of_sets.with_min_len(256).for_each(|((blocks, sites), set)| {
+            for (place, block) in blocks.iter_mut().enumerate().filter(|(place, _)| set.names[*place] != 0) {
+                if let Some(fade) = fade_at(&sites[place]) {
+                    block.iter_mut().for_each(|cell| cell.count = fade.of(cell.count));
+                }
             }
         });
     }
@@ -151,11 +186,14 @@ mod tests {
     use super::*;
 
     fn deposit(block: u64, within: u8, value: f32) -> Deposit {
-        Deposit { address: Address { block, within }, value: Vec3::splat(value), weight: 1.0 }
+        Deposit { address: Address { block, within }, level: 0, sample: 0, value: Vec3::splat(value), weight: 1.0 }
     }
 
     fn add(table: &mut Table, frame: u32, deposits: &[Deposit]) {
-        let of_shard = |shard| deposits.iter().filter(move |deposit| shard_of(deposit.address.block) == shard);
+        let of_shard = |shard| {
+            let here = deposits.iter().filter(move |deposit| shard_of(deposit.address.block) == shard);
+            here.map(|deposit| (deposit, Site::default()))
+        };
         table.add(frame, 1000.0, of_shard);
     }
 
@@ -177,7 +215,9 @@ mod tests {
         let mut table = Table::new(8);
         for frame in 1..=2000 {
             let deposits = [deposit(16, 0, if frame <= 1000 { 1.0 } else { 3.0 })];
-            table.add(frame, 50.0, |shard| deposits[..usize::from(shard == 0)].iter());
+            table.add(frame, 50.0, |shard| {
+                deposits[..usize::from(shard == 0)].iter().map(|deposit| (deposit, Site::default()))
+            });
         }
         let cell = table.cell(Address { block: 16, within: 0 }).unwrap();
         assert!((cell.mean.x - 3.0).abs() < 1e-4 && cell.count == 50.0);
@@ -187,7 +227,7 @@ mod tests {
     fn memory_is_bounded_and_the_oldest_blocks_make_room() {
         let mut table = Table::new(12);
         let bytes = table.bytes();
-        assert_eq!(bytes, 332 << 12);
+        assert_eq!(bytes, 348 << 12);
         for frame in 1..100_u64 {
             // Names as scattered as those of real blocks.
             let names = (0..1000).map(|index| ((frame * 1000 + index).wrapping_mul(0x9e37_79b9_7f4a_7c15)).max(1));

@@ -1,11 +1,13 @@
 //! `inspect`: which effects a scene calls for and why, and what its frames hold.
 //!
 //! Rays and times are measured on a small frame from the scene's first camera and scaled to the nominal one.
-//! A ray costs much the same whatever it is for, so an effect's time is its share of the rays.
+//! What an effect costs is what a frame without it does not: the scene is rendered as it is and with each effect
+//! switched off in turn. An effect that ends paths early (a sky) saves time; effects share rays, so their costs
+//! do not add up to the frame's.
 
 use super::{Failure, load_scene, print};
-use crate::counters::Counters;
-use crate::effects::{Effects, plan_of};
+use crate::counters::{Counters, RayCounts};
+use crate::effects::{Effects, plan_of, without};
 use crate::frame::{BAND_ROWS, FrameRenderer, FrameRequest};
 use clap::Args;
 use serde::Serialize;
@@ -56,7 +58,9 @@ struct FrameReport {
 struct EffectReport {
     name: &'static str,
     why: String,
-    rays_per_frame: u64,
+    /// Rays of a frame less those of one without the effect; negative where it ends paths.
+    rays_per_frame: i64,
+    /// Time of a frame less that of one without it.
     ms_per_frame: f64,
 }
 
@@ -84,47 +88,100 @@ pub(super) fn run(args: &InspectArgs) -> Result<(), Failure> {
     let pose = view.map_or(scene.head, |camera| camera.pose);
     let exposure = scene.exposure;
     let warnings = scene.warnings.clone();
-    let renderer = FrameRenderer::new(scene);
-    let (frame, counted) = probe(&renderer, &plan, Camera::symmetric(vertical_fov_rad, PROBE), pose);
-    let effects = effects
+    let renderer = FrameRenderer::new(scene.clone());
+    let probe_camera = Camera::symmetric(vertical_fov_rad, PROBE);
+    let limited: Vec<FrameRenderer> = effects
         .iter()
         .map(|effect| {
-            let counter = effect.kind.counter();
-            let rays_per_frame = counter
-                .and_then(|name| counted.iter().find(|(counted, _)| *counted == name))
-                .map_or(0, |&(_, rays)| rays);
-            let ms_per_frame = frame.ms * rays_per_frame as f64 / frame.rays.max(1) as f64;
-            EffectReport { name: effect.kind.name(), why: effect.why.clone(), rays_per_frame, ms_per_frame }
+            let (scene, simulated) = without(&scene, effect.kind);
+            FrameRenderer::limited(Arc::new(scene), simulated)
         })
         .collect();
+    // Turn by turn, so that what else the machine does falls on all alike.
+    let mut probes: Vec<Probe> = std::iter::once(&renderer)
+        .chain(&limited)
+        .map(|renderer| Probe::new(renderer, &plan, probe_camera, pose))
+        .collect();
+    for _ in 0..PROBES {
+        probes.iter_mut().for_each(Probe::render);
+    }
+    let figures: Vec<Figures> = probes.iter().map(Probe::figures).collect();
+    let whole = figures[0];
+    let effects = effects
+        .iter()
+        .zip(&figures[1..])
+        .map(|(effect, rest)| EffectReport {
+            name: effect.kind.name(),
+            why: effect.why.clone(),
+            rays_per_frame: whole.rays as i64 - rest.rays as i64,
+            ms_per_frame: whole.ms - rest.ms,
+        })
+        .collect();
+    let frame = FrameReport {
+        size: [NOMINAL.width, NOMINAL.height],
+        spp: 1,
+        max_depth: MAX_DEPTH,
+        primary_rays: whole.primary_rays,
+        rays: whole.rays,
+        ms: whole.ms,
+    };
     let camera = Camera::symmetric(vertical_fov_rad, NOMINAL);
     let plan = plan_report(plan, renderer.interfaces().clone(), camera, exposure);
     let report = Report { schema: 1, scene: args.scene.clone(), frame, effects, plan, warnings };
     print(&if args.json { serde_json::to_string(&report).map_err(Failure::runtime)? } else { in_words(&report) })
 }
 
-/// Renders the probe frame and scales what it took to the nominal one.
-fn probe(renderer: &FrameRenderer, plan: &Plan, camera: Camera, pose: Pose) -> (FrameReport, [(&'static str, u64); 6]) {
-    let request = FrameRequest { render_pose: pose, camera, plan: plan.clone(), spp: 1, max_depth: MAX_DEPTH, seed: 1 };
-    let mut tree = Tree::new(pose, camera, plan.clone(), Interfaces::default());
-    // The first frame warms caches and starts threads.
-    renderer.render(&request, &mut tree, &Counters::default(), &|_| {});
-    let counters = Counters::default();
-    let start = Instant::now();
-    renderer.render(&request, &mut tree, &counters, &|_| {});
-    let seconds = start.elapsed().as_secs_f64();
-    let scale = NOMINAL.pixels() as f64 / PROBE.pixels() as f64;
-    let scaled = |rays: u64| (rays as f64 * scale).round() as u64;
-    let counted = counters.snapshot();
-    let frame = FrameReport {
-        size: [NOMINAL.width, NOMINAL.height],
-        spp: 1,
-        max_depth: MAX_DEPTH,
-        primary_rays: scaled(counted.primary),
-        rays: scaled(counted.rays()),
-        ms: seconds * scale * 1e3,
-    };
-    (frame, counted.named().map(|(name, rays)| (name, scaled(rays))))
+/// Frames that each figure is the median of.
+const PROBES: usize = 7;
+
+/// A small frame, rendered again and again.
+struct Probe<'a> {
+    renderer: &'a FrameRenderer,
+    request: FrameRequest,
+    tree: Tree,
+    seconds: Vec<f64>,
+    counted: RayCounts,
+}
+
+/// Of a frame of the nominal size.
+#[derive(Clone, Copy)]
+struct Figures {
+    primary_rays: u64,
+    rays: u64,
+    ms: f64,
+}
+
+impl Probe<'_> {
+    fn new<'a>(renderer: &'a FrameRenderer, plan: &Plan, camera: Camera, pose: Pose) -> Probe<'a> {
+        let request =
+            FrameRequest { render_pose: pose, camera, plan: plan.clone(), spp: 1, max_depth: MAX_DEPTH, seed: 1 };
+        let tree = Tree::new(pose, camera, plan.clone(), Interfaces::default());
+        let mut probe = Probe { renderer, request, tree, seconds: Vec::new(), counted: RayCounts::default() };
+        // The first frame warms caches and starts threads.
+        probe.render();
+        probe.seconds.clear();
+        probe
+    }
+
+    fn render(&mut self) {
+        let counters = Counters::default();
+        let start = Instant::now();
+        self.renderer.render(&self.request, &mut self.tree, &counters, &|_| {});
+        self.seconds.push(start.elapsed().as_secs_f64());
+        self.counted = counters.snapshot();
+    }
+
+    fn figures(&self) -> Figures {
+        let mut seconds = self.seconds.clone();
+        seconds.sort_by(f64::total_cmp);
+        let scale = NOMINAL.pixels() as f64 / PROBE.pixels() as f64;
+        let scaled = |rays: u64| (rays as f64 * scale).round() as u64;
+        Figures {
+            primary_rays: scaled(self.counted.primary),
+            rays: scaled(self.counted.rays()),
+            ms: seconds[seconds.len() / 2] * scale * 1e3,
+        }
+    }
 }
 
 fn plan_report(plan: Plan, interfaces: Interfaces, camera: Camera, exposure: f32) -> PlanReport {

@@ -61,8 +61,11 @@ impl WholeFile {
     }
 
     /// Writes linear RGB as OpenEXR.
-    pub(super) fn write_exr(self, image: &Image) -> Result<()> {
-        let planes = rgb_planes("", &image.radiance);
+    pub(super) fn write_exr(self, image: &Image, with_error: bool) -> Result<()> {
+        let mut planes = rgb_planes("", &image.radiance);
+        if with_error {
+            planes.extend(rgb_planes("standard_error.", &image.standard_error));
+        }
         self.finish(|path| write_planes(path, image.size, planes))
     }
 
@@ -146,7 +149,7 @@ mod tests {
     fn an_exr_has_row_0_at_the_top_and_loses_nothing() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.exr");
-        WholeFile::create(&path).unwrap().write_exr(&picture()).unwrap();
+        WholeFile::create(&path).unwrap().write_exr(&picture(), false).unwrap();
         let read = exr::prelude::read_first_rgba_layer_from_file(
             &path,
             |size, _| vec![vec![Vec3::ZERO; size.0]; size.1],

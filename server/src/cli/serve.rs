@@ -8,6 +8,7 @@ use anyhow::{Context, anyhow};
 use clap::Args;
 use std::net::SocketAddr;
 use std::time::Duration;
+use warplight_protocol::frame::Plan;
 
 /// Arguments of `serve`.
 #[derive(Debug, Args)]
@@ -39,6 +40,9 @@ pub(super) struct ServeArgs {
     /// Seed of all randomness.
     #[arg(long, value_name = "K", default_value_t = 1)]
     seed: u64,
+    /// Nodes of a frame, as D,R,F,FF,FFR; by default those that the scene calls for.
+    #[arg(long, value_name = "NODES")]
+    plan: Option<Plan>,
 }
 
 /// Serves until SIGINT or SIGTERM.
@@ -61,6 +65,7 @@ pub(super) fn run(args: &ServeArgs) -> Result<(), Failure> {
         seed: args.seed,
         threads: usize::from(args.threads),
         still_threads: usize::from(args.threads),
+        plan: args.plan.clone(),
     };
     let runtime = tokio::runtime::Builder::new_current_thread()
         .enable_all()

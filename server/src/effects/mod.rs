@@ -1,11 +1,15 @@
 //! The effects a scene calls for, and the frame plan that follows: nothing else is simulated.
 //!
 //! Derived from the scene and from nothing else. An effect that is off costs nothing, and its counter stays
-//! at zero.
+//! at zero. [`without`] switches one off, to see what it costs and what it shows.
 
+mod ablation;
 mod closed;
 
-use crate::scene::{Color, Environment, Material, Scene, Surface};
+pub use ablation::{Simulated, without};
+
+use crate::bsdf::interface_of;
+use crate::scene::{Environment, Finish, Light, Material, Scalar, Scene, Surface};
 use closed::is_closed;
 use glam::Vec3;
 use warplight_protocol::frame::Plan;
@@ -15,42 +19,85 @@ use warplight_protocol::frame::Plan;
 pub enum EffectKind {
     /// Surfaces that shine.
     Emission,
+    /// Point, spot and directional lights.
+    PointLights,
     /// Light from beyond the scene.
     Environment,
     /// Light that surfaces scatter to one another.
     DiffuseInterreflection,
     /// Colours that vary over a surface.
     Textures,
+    /// Textures that tilt the shading normal.
+    NormalMaps,
+    /// Surfaces with holes.
+    Cutouts,
     /// Mirrors, metals and the outside of transparent things.
     Reflection,
     /// Light bent through a transparent boundary.
     Refraction,
+    /// Surfaces that reflect or refract into a lobe instead of one direction.
+    RoughLobes,
+    /// Clear layers over a surface.
+    Coats,
     /// Light lost inside a transparent medium.
     Absorption,
+    /// Colours that are refracted differently.
+    Dispersion,
 }
 
 impl EffectKind {
+    /// All there are, in the order of reports.
+    pub const ALL: [EffectKind; 13] = [
+        EffectKind::Emission,
+        EffectKind::PointLights,
+        EffectKind::Environment,
+        EffectKind::DiffuseInterreflection,
+        EffectKind::Textures,
+        EffectKind::NormalMaps,
+        EffectKind::Cutouts,
+        EffectKind::Reflection,
+        EffectKind::Refraction,
+        EffectKind::RoughLobes,
+        EffectKind::Coats,
+        EffectKind::Absorption,
+        EffectKind::Dispersion,
+    ];
+
     /// Its name in reports.
     pub fn name(self) -> &'static str {
         match self {
             EffectKind::Emission => "emission",
+            EffectKind::PointLights => "point lights",
             EffectKind::Environment => "environment",
             EffectKind::DiffuseInterreflection => "diffuse interreflection",
             EffectKind::Textures => "textures",
+            EffectKind::NormalMaps => "normal maps",
+            EffectKind::Cutouts => "cutouts",
             EffectKind::Reflection => "reflection",
             EffectKind::Refraction => "refraction",
+            EffectKind::RoughLobes => "rough lobes",
+            EffectKind::Coats => "coats",
             EffectKind::Absorption => "absorption",
+            EffectKind::Dispersion => "dispersion",
         }
     }
 
     /// The counter of the rays that it alone causes, if it has rays of its own.
     pub fn counter(self) -> Option<&'static str> {
         match self {
-            EffectKind::Emission => Some("rays.shadow"),
             EffectKind::DiffuseInterreflection => Some("rays.diffuse"),
             EffectKind::Reflection => Some("rays.reflect"),
             EffectKind::Refraction => Some("rays.refract"),
-            EffectKind::Environment | EffectKind::Textures | EffectKind::Absorption => None,
+            EffectKind::RoughLobes => Some("rays.glossy"),
+            EffectKind::Emission
+            | EffectKind::PointLights
+            | EffectKind::Environment
+            | EffectKind::Textures
+            | EffectKind::NormalMaps
+            | EffectKind::Cutouts
+            | EffectKind::Coats
+            | EffectKind::Absorption
+            | EffectKind::Dispersion => None,
         }
     }
 }
@@ -71,45 +118,10 @@ pub struct Effects(Vec<Effect>);
 impl Effects {
     /// The effects of a scene. Materials that no surface has call for nothing.
     pub fn of(scene: &Scene) -> Effects {
-        let used = used_materials(scene);
-        let mut effects = Vec::new();
-        let mut call = |kind, why: Option<String>| effects.extend(why.map(|why| Effect { kind, why }));
-        let because = |why: &'static str, calls: &dyn Fn(&Material) -> bool| {
-            used.iter()
-                .map(|&index| &scene.materials[index])
-                .find(|&material| calls(material))
-                .map(|material| format!("material '{}' {why}", material.name))
-        };
-        call(EffectKind::Emission, because("emits", &|material| !material.emission.is_black()));
-        let environment = (!scene.environment.is_black()).then(|| match &scene.environment {
-            Environment::Image { width, height, .. } => format!("rays that leave see an image of {width}x{height}"),
-            _ => "rays that leave see a sky".to_owned(),
-        });
-        call(EffectKind::Environment, environment);
-        call(
-            EffectKind::DiffuseInterreflection,
-            because(
-                "scatters diffusely",
-                &|material| matches!(&material.surface, Surface::Diffuse { albedo } if !albedo.is_black()),
-            ),
-        );
-        call(EffectKind::Textures, because("has a texture", &is_textured));
-        call(
-            EffectKind::Reflection,
-            because("reflects sharply", &|material| !matches!(material.surface, Surface::Diffuse { .. })),
-        );
-        call(
-            EffectKind::Refraction,
-            because("is transparent", &|material| matches!(material.surface, Surface::Dielectric { .. })),
-        );
-        call(
-            EffectKind::Absorption,
-            because(
-                "absorbs inside",
-                &|material| matches!(material.surface, Surface::Dielectric { absorption, .. } if absorption != Vec3::ZERO),
-            ),
-        );
-        Effects(effects)
+        let used: Vec<&Material> = used_materials(scene).into_iter().map(|index| &scene.materials[index]).collect();
+        let effects =
+            EffectKind::ALL.into_iter().filter_map(|kind| Some(Effect { kind, why: why(kind, scene, &used)? }));
+        Effects(effects.collect())
     }
 
     /// The effects, each once.
@@ -128,20 +140,113 @@ impl Effects {
     }
 }
 
-/// The nodes that a scene's frames have: {D} where all is diffuse, {D, R} with mirrors and metals, {D, R, F}
-/// with an open refracting boundary such as water, {D, R, F, FF} with solids, which light must leave again.
+/// What in the scene calls for an effect, in words; `None` where nothing does.
+fn why(kind: EffectKind, scene: &Scene, used: &[&Material]) -> Option<String> {
+    let because = |why: &'static str, calls: &dyn Fn(&Material) -> bool| {
+        used.iter().find(|material| calls(material)).map(|material| format!("material '{}' {why}", material.name))
+    };
+    match kind {
+        EffectKind::Emission => because("emits", &|material| !material.emission.is_black()),
+        EffectKind::PointLights => {
+            let lights: Vec<&Light> = scene.lights.iter().filter(|light| light.strength() != Vec3::ZERO).collect();
+            (!lights.is_empty()).then(|| format!("{} lights without extent", lights.len()))
+        }
+        EffectKind::Environment => (!scene.environment.is_black()).then(|| match &scene.environment {
+            Environment::Image { width, height, .. } => format!("rays that leave see an image of {width}x{height}"),
+            _ => "rays that leave see a sky".to_owned(),
+        }),
+        EffectKind::DiffuseInterreflection => {
+            because("scatters diffusely", &|material| scatters_diffusely(&material.surface))
+        }
+        EffectKind::Textures => because("has a texture", &|material| material.textures().next().is_some()),
+        EffectKind::NormalMaps => because("has a normal map", &|material| material.normal_map.is_some()),
+        EffectKind::Cutouts => because("has holes", &|material| material.cutout.is_some()),
+        EffectKind::Reflection => because("reflects", &|material| reflects(&material.surface)),
+        EffectKind::Refraction => because("is transparent", &|material| is_transparent(&material.surface)),
+        EffectKind::RoughLobes => because("is rough", &|material| is_rough(&material.surface)),
+        EffectKind::Coats => because(
+            "is coated",
+            &|material| matches!(&material.surface, Surface::Standard(standard) if standard.coat.is_some()),
+        ),
+        EffectKind::Absorption => because(
+            "absorbs inside",
+            &|material| matches!(material.surface, Surface::Dielectric { absorption, .. } if absorption != Vec3::ZERO),
+        ),
+        EffectKind::Dispersion => because("disperses colours", &|material| material.surface.is_dispersive()),
+    }
+}
+
+fn scatters_diffusely(surface: &Surface) -> bool {
+    match surface {
+        Surface::Diffuse { albedo } => !albedo.is_black(),
+        Surface::Standard(standard) => !standard.base.is_black() && !is_constant(&standard.metallic, 1.0),
+        _ => false,
+    }
+}
+
+fn reflects(surface: &Surface) -> bool {
+    match surface {
+        Surface::Diffuse { .. } | Surface::Null => false,
+        Surface::Standard(standard) => {
+            !is_constant(&standard.specular, 0.0) || !is_constant(&standard.metallic, 0.0) || standard.coat.is_some()
+        }
+        _ => true,
+    }
+}
+
+fn is_transparent(surface: &Surface) -> bool {
+    match surface {
+        Surface::Dielectric { .. } | Surface::ThinDielectric { .. } => true,
+        Surface::Standard(standard) => !is_constant(&standard.transmission, 0.0),
+        _ => false,
+    }
+}
+
+fn is_rough(surface: &Surface) -> bool {
+    finishes(surface).any(|finish| !finish.is_smooth())
+}
+
+/// How smooth its layers are that reflect.
+fn finishes(surface: &Surface) -> impl Iterator<Item = Finish> {
+    let (first, coat) = match surface {
+        Surface::Conductor { finish, .. }
+        | Surface::Dielectric { finish, .. }
+        | Surface::ThinDielectric { finish, .. } => (Some(*finish), None),
+        Surface::Standard(standard) => {
+            let coat = standard.coat.map(|coat| Finish { alpha: coat.alpha, ..Finish::SMOOTH });
+            (reflects(surface).then_some(standard.finish), coat)
+        }
+        Surface::Diffuse { .. } | Surface::Mirror { .. } | Surface::Null => (None, None),
+    };
+    first.into_iter().chain(coat)
+}
+
+fn is_constant(scalar: &Scalar, value: f32) -> bool {
+    *scalar == Scalar::Constant(value)
+}
+
+/// The nodes that a scene's frames have: {D} where all is diffuse or rough, {D, R} with mirrors and metals,
+/// {D, R, F} with an open refracting boundary such as water or a pane, {D, R, F, FF} with solids, which light
+/// must leave again.
 pub fn plan_of(scene: &Scene) -> Plan {
     let used = used_materials(scene);
-    let of_surface = |wanted: fn(&Surface) -> bool| {
-        used.iter().copied().filter(move |&index| wanted(&scene.materials[index].surface))
+    let has_nodes = |index: &usize| interface_of(&scene.materials[*index].surface, true).is_some();
+    let sharp: Vec<usize> = used.into_iter().filter(has_nodes).collect();
+    let refracts = |index: usize| {
+        matches!(scene.materials[index].surface, Surface::Dielectric { .. } | Surface::ThinDielectric { .. })
     };
-    let mut dielectrics = of_surface(|surface| matches!(surface, Surface::Dielectric { .. })).peekable();
-    if dielectrics.peek().is_some() {
-        let any_solid = dielectrics.any(|material| is_solid(scene, material as u32));
-        return if any_solid { Plan::solid() } else { Plan::water() };
+    let is_solid_glass = |index: usize| {
+        matches!(scene.materials[index].surface, Surface::Dielectric { .. }) && is_solid(scene, index as u32)
+    };
+    if sharp.iter().any(|&index| is_solid_glass(index)) {
+        Plan::solid()
+    } else if sharp.iter().any(|&index| refracts(index)) {
+        Plan::water()
+    } else if sharp.is_empty() {
+        Plan::diffuse()
+    } else {
+        Plan::mirror()
     }
-    let any_specular = of_surface(|surface| !matches!(surface, Surface::Diffuse { .. })).next().is_some();
-    if any_specular { Plan::mirror() } else { Plan::diffuse() }
 }
 
 /// Whether a transparent material bounds a solid: a sphere, or triangles without a border.
@@ -157,11 +262,6 @@ fn used_materials(scene: &Scene) -> Vec<usize> {
         used[material as usize] = true;
     }
     (0..used.len()).filter(|&index| used[index]).collect()
-}
-
-fn is_textured(material: &Material) -> bool {
-    let textured = |color: &Color| matches!(color, Color::Textured { .. });
-    textured(&material.emission) || matches!(&material.surface, Surface::Diffuse { albedo } if textured(albedo))
 }
 
 #[cfg(test)]

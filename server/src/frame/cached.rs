@@ -9,21 +9,28 @@
 //! 3. the samples are added to the cache;
 //! 4. each point takes its irradiance from the cache, times its own albedo: textures stay sharp.
 //!
+//! Where things have moved since the last frame, light that has changed is forgotten first ([`super::sentinels`]); in
+//! a view that rests the paths of step 2 are those of the pixels themselves, and what they find is mixed into the
+//! picture after step 4 ([`super::rest`]).
+//!
+//! Limits: of the glossy lobes of a rough surface one ray is drawn per frame: they are noisy until the view rests.
+//!
 //! All that is decided in a frame is decided from the cache before it, and samples are added in the order of
 //! the image, so a frame is a function of the scene and of the requests so far, not of the threads.
 //!
 //! Cost (gallery, 512x512, DRFF, one core of an EPYC at about 1 Mray/s of paths): geometry 140 ms, light 80 ms,
 //! samples 1.5 us each; measured by `cargo run --release -p warplight-server --example equal_time`.
 
-use super::{BAND_ROWS, Chain, Eye, FrameRenderer, FrameRequest, PixelOfBand, tiled};
-use crate::cache::{CacheSettings, Deposits, IrradianceCache, LastLookup, Place, Stencils};
+use super::rest::{PixelSum, Rest, Step};
+use super::sentinels::Sentinel;
+use super::{BAND_ROWS, Chain, Eye, FrameRenderer, FrameRequest, PixelOfBand, SceneVersion, tiled};
+use crate::bsdf::{Bsdf, Lobes};
+use crate::cache::{CacheSettings, Changes, Comparison, Deposits, IrradianceCache, LastLookup, Place, Stencils};
 use crate::counters::{Counters, RayCounts};
 use crate::integrator::sampler::Sampler;
-use crate::integrator::{Boundary, Gather, SpecularEvents, Vertex};
-use crate::scene::{Scene, Surface};
+use crate::integrator::{Arrival, Events, Gather, Met, Vertex};
 use glam::Vec3;
 use rayon::prelude::*;
-use std::sync::Arc;
 use warplight_protocol::frame::{MAX_NODES, Tree, TreeRows};
 
 /// Least width of the finest cells in pixels, seen head-on; at most twice that.
@@ -34,16 +41,19 @@ const MIN_BRANCH: f32 = 0.05;
 const KNOWN_SAMPLES: f32 = 4.0;
 /// Samples of a cell beyond which it is chosen no less often: light may change.
 const ENOUGH_SAMPLES: f32 = 512.0;
+/// What a path that does not end in the cache takes over one that does (cornell, 5.2 rays instead of 1.7): keeps a
+/// frame's time when a head comes to rest.
+const REST_COST: f64 = 3.0;
 /// Most samples from one point in one frame.
 const MAX_PER_POINT: u32 = 64;
 
 /// A diffuse surface that a node of a pixel shows, directly or at the end of a specular chain.
 #[derive(Clone, Copy, Debug)]
-struct Shaded {
-    vertex: Vertex,
+pub(super) struct Shaded {
+    pub(super) vertex: Vertex,
     /// Factor on irradiance over pi: albedo and all that lies before it.
     weight: Vec3,
-    path_m: f32,
+    pub(super) path_m: f32,
     /// Pixel within the band.
     offset: u32,
     node: u8,
@@ -55,11 +65,24 @@ struct Shaded {
 #[derive(Debug, Default)]
 struct Band {
     shaded: Vec<Shaded>,
+    /// Node pixels with a surface, each with its first entry in `shaded`; only of a view that rests.
+    surfaces: Vec<Surface>,
     branches: Vec<Branch>,
     need: f64,
+    sentinels: Vec<Sentinel>,
+    comparisons: Vec<Comparison>,
     deposits: Deposits,
     stencils: Stencils,
     counts: RayCounts,
+}
+
+/// A surface that a node of a pixel shows, with all that is seen by its events.
+#[derive(Clone, Copy, Debug)]
+struct Surface {
+    offset: u32,
+    node: u8,
+    /// Its first entry in the band's shaded points.
+    first: u32,
 }
 
 /// What lives from frame to frame of one viewer.
@@ -67,8 +90,10 @@ struct Band {
 pub struct LiveFrames {
     cache: IrradianceCache,
     bands: Vec<Band>,
+    rest: Rest,
+    changes: Changes,
     /// Whose light the cache holds.
-    scene: Option<Arc<Scene>>,
+    version: Option<SceneVersion>,
 }
 
 /// A part of a specular chain that is yet to be followed.
@@ -77,13 +102,20 @@ struct Branch {
     vertex: Vertex,
     weight: Vec3,
     path_m: f32,
-    evaluated: SpecularEvents,
+    evaluated: Events,
+    arrival: Arrival,
 }
 
 impl LiveFrames {
     /// Nothing seen yet.
     pub fn new(settings: CacheSettings) -> LiveFrames {
-        LiveFrames { cache: IrradianceCache::new(settings), bands: Vec::new(), scene: None }
+        LiveFrames {
+            cache: IrradianceCache::new(settings),
+            bands: Vec::new(),
+            rest: Rest::default(),
+            changes: Changes::default(),
+            version: None,
+        }
     }
 
     /// Bytes of the cache.
@@ -104,16 +136,30 @@ impl FrameRenderer {
         counters: &Counters,
         on_band: &(dyn Fn(&TreeRows<'_>) + Sync),
     ) {
-        if !live.scene.as_ref().is_some_and(|scene| Arc::ptr_eq(scene, self.scene())) {
+        if live.version.is_none_or(|version| version.scene != self.version.scene) {
             live.cache.clear();
-            live.scene = Some(self.scene().clone());
         }
+        let before = live.version.replace(self.version);
         tree.reset(request.render_pose, request.camera, &request.plan, &self.interfaces);
-        let eye = Eye::new(&request.render_pose, request.camera);
+        let eye = Eye::new(self.scene(), &request.render_pose, request.camera);
         let cell_per_m = CELL_PX / request.camera.focal_px().min_element();
-        let LiveFrames { cache, bands, .. } = live;
+        let rests = live.rest.continues(request, self.version);
+        let LiveFrames { cache, bands, rest, changes, .. } = live;
         let mut rows = tree.bands_mut(BAND_ROWS);
         bands.resize_with(rows.len(), Band::default);
+
+        bands.par_iter_mut().for_each(|band| band.counts = RayCounts::default());
+
+        // Light that has changed since the last frame is forgotten.
+        if let Some(before) = before.filter(|before| before.has_moved_to(&self.version)) {
+            bands.par_iter_mut().for_each(|band| {
+                let Band { sentinels, comparisons, counts, .. } = band;
+                self.compare_sentinels(request, cache, cell_per_m, sentinels, comparisons, counts);
+            });
+            changes.begin(before.secs_to(&self.version));
+            bands.iter().flat_map(|band| &band.comparisons).for_each(|comparison| changes.add(comparison));
+            cache.fade(changes);
+        }
 
         // Geometry, and what is certain.
         rows.par_iter_mut().zip(&mut *bands).for_each(|(rows, band)| {
@@ -121,34 +167,67 @@ impl FrameRenderer {
             band.assess(cache, cell_per_m);
         });
 
-        // Paths from the points that need them most.
-        let per_need = samples / bands.iter().map(|band| band.need).sum::<f64>().max(f64::MIN_POSITIVE);
+        // Paths: of every pixel alike where the view rests, else from the points that need them most.
         let width = request.camera.size.width;
-        rows.par_iter().zip(&mut *bands).for_each(|(rows, band)| {
-            self.sample_band(request, rows.rows.start, width, per_need as f32, cell_per_m, cache, band);
-        });
+        if rests {
+            let points: usize = bands.iter().map(|band| band.shaded.len().max(band.surfaces.len())).sum();
+            let per_pixel = (samples / REST_COST / points.max(1) as f64).min(f64::from(MAX_PER_POINT));
+            let step = rest.step(request, per_pixel);
+            rows.par_iter().zip(&mut *bands).zip(rest.bands_mut()).for_each(|((rows, band), sums)| {
+                self.sum_band(request, &step, rows, width, cell_per_m, cache, band, sums);
+            });
+        } else {
+            let per_need = samples / bands.iter().map(|band| band.need).sum::<f64>().max(f64::MIN_POSITIVE);
+            rows.par_iter().zip(&mut *bands).for_each(|(rows, band)| {
+                self.sample_band(request, rows.rows.start, width, per_need as f32, cell_per_m, cache, band);
+            });
+        }
+        if self.moves() {
+            bands.par_iter_mut().for_each(|band| {
+                let Band { shaded, sentinels, counts, .. } = band;
+                self.leave_sentinels(request, cache, shaded, sentinels, counts);
+            });
+        }
         cache.add(bands.iter().map(|band| &band.deposits));
 
-        // Light from the cache.
+        // Light from the cache, and the mean of what was seen while at rest.
         let cache = &*cache;
-        rows.par_iter_mut().zip(&mut *bands).for_each(|(rows, band)| {
-            band.light(cache, cell_per_m, rows);
+        let finish = |rows: &TreeRows<'_>, band: &Band| {
             counters.add(&band.counts);
             on_band(rows);
+        };
+        rows.par_iter_mut().zip(&mut *bands).for_each(|(rows, band)| {
+            if !(rests && rest.is_full()) {
+                band.light(cache, cell_per_m, rows);
+            }
+            if !rests {
+                finish(rows, band);
+            }
         });
+        if rests {
+            rest.mix(&mut rows);
+            rows.par_iter().zip(&*bands).for_each(|(rows, band)| finish(rows, band));
+        }
     }
 
     fn trace_band(&self, request: &FrameRequest, eye: &Eye, band: &mut TreeRows<'_>, into: &mut Band) {
         into.shaded.clear();
-        into.counts = RayCounts::default();
+        into.surfaces.clear();
         let first = (band.rows.start * request.camera.size.width) as usize;
-        let Band { shaded, branches, counts, .. } = into;
+        let Band { shaded, surfaces, branches, counts, .. } = into;
         let mut chain: Chain = [None; MAX_NODES];
         for offset in tiled(request.camera.size.width, band.rows.len() as u32) {
             let at = PixelOfBand { pixel: first + offset, offset };
             self.trace_pixel(request, eye, at, &mut band.nodes, &mut chain, counts, |link, node, counts| {
                 let evaluated = self.baked_events(request, link, node);
-                branches.push(Branch { vertex: link.vertex, weight: link.factor, path_m: link.path_m, evaluated });
+                surfaces.push(Surface { offset: offset as u32, node: node as u8, first: shaded.len() as u32 });
+                branches.push(Branch {
+                    vertex: link.vertex,
+                    weight: link.factor,
+                    path_m: link.path_m,
+                    evaluated,
+                    arrival: Arrival::Certain,
+                });
                 let mut sampler = Sampler::new(request.seed, (at.pixel * MAX_NODES + node) as u64, 0);
                 self.collect(branches, request.max_depth, &mut sampler, counts, |vertex, weight, path_m| {
                     shaded.push(Shaded { vertex, weight, path_m, offset: offset as u32, node: node as u8, need: 0.0 });
@@ -170,42 +249,40 @@ impl FrameRenderer {
         let tracer = &self.tracer;
         let scene = tracer.scene();
         let mut radiance = Vec3::ZERO;
-        while let Some(Branch { vertex, weight, path_m, evaluated }) = waiting.pop() {
-            radiance += weight * tracer.emission(&vertex.point, vertex.direction);
+        while let Some(Branch { mut vertex, mut weight, path_m, evaluated, arrival }) = waiting.pop() {
+            if evaluated.emission {
+                radiance += weight * tracer.emitted(&vertex, arrival);
+            }
             if vertex.segments >= max_depth {
                 continue;
             }
-            let Some(boundary) = Boundary::at(scene, &vertex.point, vertex.direction) else {
-                let weight = weight * albedo_at(scene, &vertex);
-                if weight != Vec3::ZERO {
-                    on_diffuse(vertex, weight, path_m);
-                }
-                continue;
-            };
-            let reflected = evaluated.reflect.then_some((
-                boundary.reflected,
-                boundary.reflectance * boundary.reflected_factor,
-                vertex.medium,
-            ));
-            let refracted = boundary.refracted.filter(|_| evaluated.refract);
-            let refracted = refracted.map(|refracted| {
-                (refracted.direction, (Vec3::ONE - boundary.reflectance) * refracted.factor, refracted.medium)
-            });
-            counts.reflect += u64::from(reflected.is_some());
-            counts.refract += u64::from(refracted.is_some());
-            for (direction, factor, medium) in reflected.into_iter().chain(refracted) {
-                let Some(weight) = worth_following(weight * factor, sampler) else { continue };
-                let ray = vertex.point.leave(direction);
-                match tracer.surface_along(&ray) {
-                    None => {
-                        radiance +=
-                            weight * medium.transmittance(f32::INFINITY) * scene.environment.radiance(direction);
-                    }
-                    Some((point, distance)) => waiting.push(Branch {
-                        vertex: Vertex { point, direction, medium, segments: vertex.segments + 1 },
-                        weight: weight * medium.transmittance(distance),
-                        path_m: path_m + distance,
-                        evaluated: SpecularEvents::ALL,
+            weight *= tracer.disperse(&mut vertex, sampler);
+            let bsdf = Bsdf::at(scene, &vertex.point, vertex.direction, vertex.medium, vertex.channel);
+            let lobes = evaluated.lobes.unwrap_or(Lobes::NONE);
+            let diffuse = weight * bsdf.diffuse();
+            if lobes.diffuse && diffuse != Vec3::ZERO {
+                on_diffuse(vertex, diffuse, path_m);
+            }
+            // Sharp events are split; of lobes one ray is drawn.
+            let split = [
+                Events { refract: false, lobes: None, ..evaluated },
+                Events { reflect: false, lobes: None, ..evaluated },
+                Events { reflect: false, refract: false, lobes: Some(Lobes { diffuse: false, ..lobes }), ..evaluated },
+            ];
+            for events in split {
+                let (direct, scattered) = tracer.scatter(&vertex, &bsdf, events, sampler, counts);
+                radiance += weight * direct;
+                let Some(scattered) = scattered else { continue };
+                let Some(weight) = worth_following(weight * scattered.weight, sampler) else { continue };
+                let (through, met) = tracer.follow(&vertex, &scattered, sampler);
+                match met {
+                    Met::Nothing { radiance: escaped } => radiance += weight * through * escaped,
+                    Met::Surface(next) => waiting.push(Branch {
+                        path_m: path_m + (next.point.position - scattered.ray.origin).length(),
+                        vertex: next,
+                        weight: weight * through,
+                        evaluated: Events::ALL,
+                        arrival: scattered.arrival,
                     }),
                 }
             }
@@ -232,16 +309,13 @@ impl FrameRenderer {
         let mut index = 0;
         for point in shaded.iter() {
             let (column, row) = (point.offset % width, first_row + point.offset / width);
-            // The R2 sequence over the image (Roberts 2018): chosen pixels keep apart from each other.
-            let along = frame_shift.x
-                + 0.754_877_7 * column as f32
-                + 0.569_840_3 * row as f32
-                + 0.618_034 * f32::from(point.node);
+            let along = frame_shift.x + scattered(column, row, point.node);
             let wanted = (per_need * point.need).min(MAX_PER_POINT as f32) + along.fract();
             for _ in 0..wanted as u32 {
                 let sampler = Sampler::new(request.seed, u64::from(first_row) << 40, index);
                 index += 1;
-                let mut gather = Gather { cache, cell_per_m, max_depth: request.max_depth, sampler, counts, deposits };
+                let max_depth = request.max_depth;
+                let mut gather = Gather { cache, cell_per_m, may_end: true, max_depth, sampler, counts, deposits };
                 let value = self.tracer.irradiance(&point.vertex, point.path_m, &mut gather);
                 if value.is_finite() {
                     deposits.add_visible(&point.place(cell_per_m), value);
@@ -251,6 +325,60 @@ impl FrameRenderer {
             }
         }
     }
+}
+
+impl FrameRenderer {
+    /// Adds samples of the radiance of the pixels of a resting band to their sums.
+    #[allow(clippy::too_many_arguments)]
+    fn sum_band(
+        &self,
+        request: &FrameRequest,
+        step: &Step,
+        rows: &TreeRows<'_>,
+        width: u32,
+        cell_per_m: f32,
+        cache: &IrradianceCache,
+        band: &mut Band,
+        sums: &mut [PixelSum],
+    ) {
+        let Band { shaded, surfaces, deposits, counts, .. } = band;
+        deposits.clear();
+        for (index, surface) in surfaces.iter().enumerate() {
+            let end = surfaces.get(index + 1).map_or(shaded.len(), |next| next.first as usize);
+            let points = &shaded[surface.first as usize..end];
+            let (offset, node) = (surface.offset as usize, usize::from(surface.node));
+            // How many is decided without looking at what the pixel shows: a choice by value would be a bias.
+            let (column, row) = (surface.offset % width, rows.rows.start + surface.offset / width);
+            let ahead = f64::from(scattered(column, row, surface.node).fract());
+            let due = (step.before + ahead) as u32..(step.after + ahead) as u32;
+            let certain = Vec3::from_array([0, 1, 2].map(|channel: usize| rows.nodes[node].radiance[channel][offset]));
+            let sum = &mut sums[Rest::place(node, offset, width as usize)];
+            for sample in due {
+                let stream = u64::from(row * width + column) * MAX_NODES as u64 + u64::from(surface.node);
+                let sampler = Sampler::new(step.seed, stream, sample);
+                let max_depth = request.max_depth;
+                let mut gather = Gather { cache, cell_per_m, may_end: false, max_depth, sampler, counts, deposits };
+                let mut radiance = certain;
+                for point in points {
+                    let value = self.tracer.irradiance(&point.vertex, point.path_m, &mut gather);
+                    radiance += point.weight * value;
+                    if value.is_finite() {
+                        gather.deposits.add_visible(&point.place(cell_per_m), value);
+                    }
+                }
+                if radiance.is_finite() {
+                    sum.add(radiance);
+                } else {
+                    gather.counts.dropped += 1;
+                }
+            }
+        }
+    }
+}
+
+/// The R2 sequence over the image (Roberts 2018): pixels with near values keep apart from each other.
+fn scattered(column: u32, row: u32, node: u8) -> f32 {
+    0.754_877_7 * column as f32 + 0.569_840_3 * row as f32 + 0.618_034 * f32::from(node)
 }
 
 impl Band {
@@ -295,13 +423,6 @@ fn worth_following(weight: Vec3, sampler: &mut Sampler) -> Option<Vec3> {
         return Some(weight);
     }
     (sampler.value() * MIN_BRANCH < largest).then(|| weight * (MIN_BRANCH / largest))
-}
-
-fn albedo_at(scene: &Scene, vertex: &Vertex) -> Vec3 {
-    match &scene.materials[vertex.point.material as usize].surface {
-        Surface::Diffuse { albedo } if !albedo.is_black() => albedo.at(&scene.textures, vertex.point.uv),
-        _ => Vec3::ZERO,
-    }
 }
 
 #[cfg(test)]

@@ -1,11 +1,12 @@
 //! The tree against the plain path tracer, and what its planes mean.
 
 use super::{FrameRenderer, FrameRequest};
-use crate::counters::Counters;
-use crate::scene::{Environment, Scene, Surface};
+use crate::counters::{Counters, RayCounts};
+use crate::effects::{EffectKind, Effects, Simulated, plan_of, without};
+use crate::scene::{Environment, Scene};
 use crate::testing::{
-    BlockMeans, SceneBuilder, colored, critical_z, diffuse, emitter, glass, material, mirror, render, settings,
-    write_pictures,
+    BlockMeans, SceneBuilder, colored, critical_z, diffuse, emitter, glass, material, metal, mirror, render, settings,
+    solid, write_pictures,
 };
 use glam::{DVec3, Vec3};
 use std::sync::Arc;
@@ -29,11 +30,9 @@ fn tree_of(renderer: &FrameRenderer, camera: Camera, pose: Pose, plan: Plan, spp
 
 /// A mirror, a glass ball, water with a filter, metal and diffuse things in a coloured room.
 fn all_kinds() -> Scene {
-    let tinted =
-        Surface::Dielectric { ior: 1.5, filter: Vec3::new(0.9, 1.0, 0.8), absorption: Vec3::new(0.3, 0.1, 0.0) };
-    let water =
-        Surface::Dielectric { ior: 1.33, filter: Vec3::new(0.7, 1.0, 0.8), absorption: Vec3::new(0.5, 0.1, 0.2) };
-    let gold = Surface::Conductor { eta: Vec3::new(0.18, 0.42, 1.37), k: Vec3::new(3.42, 2.35, 1.77) };
+    let tinted = solid(1.5, Vec3::new(0.9, 1.0, 0.8), Vec3::new(0.3, 0.1, 0.0));
+    let water = solid(1.33, Vec3::new(0.7, 1.0, 0.8), Vec3::new(0.5, 0.1, 0.2));
+    let gold = metal(Vec3::new(0.18, 0.42, 1.37), Vec3::new(3.42, 2.35, 1.77));
     let x = |x: f32, y: f32, z: f32| Vec3::new(x, y, z);
     SceneBuilder::new()
         .floor(-1.0, 3.0, colored(x(0.7, 0.6, 0.5)))
@@ -178,4 +177,44 @@ fn the_same_seed_gives_the_same_frame() {
     let frame = |seed| tree_of(&renderer, camera, pose, Plan::solid(), 2, seed);
     assert_eq!(frame(1), frame(1));
     assert_ne!(frame(1), frame(2));
+}
+
+/// A small frame of a scene from its first camera, without an effect.
+fn probe(scene: &Scene, off: Option<EffectKind>) -> (Tree, RayCounts) {
+    let camera = Camera::symmetric(scene.cameras[0].vertical_fov_rad, ImageSize::new(48, 36));
+    let (pose, plan) = (scene.cameras[0].pose, plan_of(scene));
+    let (scene, simulated) = off.map_or((scene.clone(), Simulated::ALL), |kind| without(scene, kind));
+    let renderer = FrameRenderer::limited(Arc::new(scene), simulated);
+    let mut tree = Tree::new(pose, camera, plan.clone(), Interfaces::default());
+    let counters = Counters::default();
+    let request = FrameRequest { render_pose: pose, camera, plan, spp: 2, max_depth: 8, seed: 3 };
+    renderer.render(&request, &mut tree, &counters, &|_| {});
+    (tree, counters.snapshot())
+}
+
+/// Over all scenes and effects: one that the scene does not call for is nowhere in its frames, neither in a bit
+/// nor in a ray; one that it calls for can be seen.
+#[test]
+fn only_effects_that_a_scene_calls_for_are_simulated() {
+    for name in Scene::built_in_names() {
+        let scene = Scene::load(name).unwrap();
+        let effects = Effects::of(&scene);
+        let (whole, counts) = probe(&scene, None);
+        let named = counts.named();
+        for kind in EffectKind::ALL {
+            let (rest, _) = probe(&scene, Some(kind));
+            let rays = |counter| named.iter().find(|(name, _)| *name == counter).map_or(0, |&(_, rays)| rays);
+            // Bit for bit, undefined values included.
+            let bits = |tree: &Tree| -> Vec<u32> {
+                let planes = tree.nodes.iter().flat_map(|node| node.radiance.iter().flatten().chain(&node.distance));
+                planes.map(|value| value.to_bits()).collect()
+            };
+            if effects.has(kind) {
+                assert!(bits(&whole) != bits(&rest), "{name}: {} cannot be seen", kind.name());
+            } else {
+                assert!(bits(&whole) == bits(&rest), "{name}: {} is off and simulated", kind.name());
+                assert_eq!(kind.counter().map_or(0, rays), 0, "{name}: {} is off and has rays", kind.name());
+            }
+        }
+    }
 }

@@ -6,8 +6,9 @@
 //!
 //! Limits: a textured emitter is chosen by its factor alone. Cost: a binary search per sample.
 
+use super::lights::ALMOST_ONE;
 use crate::accel::SurfacePoint;
-use crate::integrator::lambert::tangents;
+use crate::bsdf::tangents;
 use crate::scene::{Color, Scene};
 use glam::{Vec2, Vec3};
 use std::f32::consts::{PI, TAU};
@@ -36,6 +37,7 @@ pub(crate) struct Emitters {
     /// Sums of the probabilities up to and with each emitter; the last is 1.
     cumulative: Vec<f32>,
     emitter_of_primitive: Vec<u32>,
+    power: f32,
 }
 
 /// A point on an emitter, drawn for a point that it may light.
@@ -68,7 +70,7 @@ impl Emitters {
             let material = &scene.materials[material as usize];
             let (Color::Constant(factor) | Color::Textured { factor, .. }) = material.emission;
             let sides = if material.emission_two_sided { 2.0 } else { 1.0 };
-            let power = f64::from(area) * f64::from(factor.max_element() * sides);
+            let power = f64::from(PI * area) * f64::from(factor.max_element() * sides);
             if power > 0.0 && power.is_finite() {
                 emitter_of_primitive.resize(primitive, NONE);
                 emitter_of_primitive.push(emitters.len() as u32);
@@ -84,17 +86,20 @@ impl Emitters {
             sum += power / total;
             cumulative.push(sum as f32);
         }
-        Emitters { emitters, cumulative, emitter_of_primitive }
+        Emitters { emitters, cumulative, emitter_of_primitive, power: total.min(f64::from(f32::MAX)) as f32 }
     }
 
-    pub(crate) fn is_empty(&self) -> bool {
-        self.emitters.is_empty()
+    /// Radiant power of the brightest channel, all together; 0 where nothing emits.
+    pub(crate) fn power(&self) -> f32 {
+        self.power
     }
 
-    /// Draws a point for `lit`; `None` where the draw cannot light it.
-    pub(crate) fn sample(&self, scene: &Scene, lit: Vec3, choice: f32, u: Vec2) -> Option<EmitterSample> {
-        let index = self.cumulative.partition_point(|&sum| sum <= choice).min(self.emitters.len().checked_sub(1)?);
+    /// Draws a point for `lit`; `None` where the draw cannot light it. The first number also chooses the emitter.
+    pub(crate) fn sample(&self, scene: &Scene, lit: Vec3, u: Vec2) -> Option<EmitterSample> {
+        let index = self.cumulative.partition_point(|&sum| sum <= u.x).min(self.emitters.len().checked_sub(1)?);
         let emitter = &self.emitters[index];
+        let before = if index == 0 { 0.0 } else { self.cumulative[index - 1] };
+        let u = Vec2::new(((u.x - before) / emitter.probability).clamp(0.0, ALMOST_ONE), u.y);
         let point = match emitter.shape {
             Shape::Triangle { .. } => {
                 // Uniform by folding the square along its diagonal (Heitz 2019 keeps the strata).
@@ -197,7 +202,7 @@ mod tests {
             let mut solid_angle = 0.0;
             let count = 4096;
             for index in 0..count {
-                let sample = emitters.sample(&scene, lit, 0.3, Sampler::new(1, 0, index).pair()).unwrap();
+                let sample = emitters.sample(&scene, lit, Sampler::new(1, 0, index).pair()).unwrap();
                 let towards = sample.point.position - lit;
                 if exact {
                     assert!(towards.dot(sample.point.geometric_normal) <= 1e-3 * towards.length(), "far side");
@@ -220,7 +225,7 @@ mod tests {
         let mut counts = [0_u32; 16];
         let one_minus_cosine = 1.0 - 0.75_f32.sqrt();
         for index in 0..16_384 {
-            let sample = emitters.sample(&scene, Vec3::ZERO, 0.3, Sampler::new(2, 0, index).pair()).unwrap();
+            let sample = emitters.sample(&scene, Vec3::ZERO, Sampler::new(2, 0, index).pair()).unwrap();
             let height = sample.point.position.normalize().z;
             counts[(((1.0 - height) / one_minus_cosine * 16.0) as usize).min(15)] += 1;
         }
@@ -239,6 +244,6 @@ mod tests {
         let emitters = Emitters::new(&scene);
         assert_eq!(emitters.emitters.len(), 1);
         assert_eq!(emitters.emitters[0].primitive, 4);
-        assert!(Emitters::new(&SceneBuilder::new().build()).is_empty());
+        assert_eq!(Emitters::new(&SceneBuilder::new().build()).power(), 0.0);
     }
 }

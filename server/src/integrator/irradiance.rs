@@ -9,12 +9,12 @@
 //! holds the paths beyond `max_depth`, too. A limit below [`LEAST_DEPTH`] is meant to be seen, so there every
 //! path is walked. Cost: about three rays per sample once the cache knows the scene.
 
-use super::path::{ROULETTE_AFTER, SpecularEvents, Vertex};
+use super::PathTracer;
+use super::path::{Events, Met, ROULETTE_AFTER, Vertex};
 use super::sampler::Sampler;
-use super::{Boundary, PathTracer};
+use crate::bsdf::{Bsdf, Lambert, Lobes};
 use crate::cache::{Deposits, IrradianceCache, Place};
 use crate::counters::RayCounts;
-use crate::scene::Surface;
 use glam::Vec3;
 
 /// Shorter limits of depth are kept to by every path.
@@ -35,6 +35,8 @@ pub(crate) struct Gather<'a> {
     pub(crate) cache: &'a IrradianceCache,
     /// Width of cells per metre of path.
     pub(crate) cell_per_m: f32,
+    /// Whether paths may end in the cache; else they are unbiased.
+    pub(crate) may_end: bool,
     pub(crate) max_depth: u32,
     pub(crate) sampler: Sampler,
     pub(crate) counts: &'a mut RayCounts,
@@ -42,65 +44,81 @@ pub(crate) struct Gather<'a> {
     pub(crate) deposits: &'a mut Deposits,
 }
 
+/// What a path does at a surface whose Lambert reflection is known from the cache.
+const BESIDE_DIFFUSE: Events = Events { emission: false, reflect: true, refract: true, lobes: Some(Lobes::GLOSSY) };
+
 impl PathTracer {
-    /// One sample of the irradiance over pi at a diffuse vertex that the eye sees after `path_m` metres.
+    /// One sample of the irradiance over pi at a vertex with Lambert reflection that the eye sees after `path_m`
+    /// metres.
     pub(crate) fn irradiance(&self, vertex: &Vertex, path_m: f32, gather: &mut Gather<'_>) -> Vec3 {
-        let mut radiance = self.direct_light(vertex, &mut gather.sampler, gather.counts);
-        let Some(mut scattered) = self.scatter_cosine(vertex, &mut gather.sampler, gather.counts) else {
+        let white = Lambert::new(&vertex.point, vertex.direction, vertex.medium, Vec3::ONE);
+        let Gather { sampler, counts, .. } = gather;
+        let mut radiance = self.direct_light(vertex, &white, 1.0, sampler, counts);
+        let Some(mut scattered) = self.scatter_lobes(vertex, &white, 1.0, sampler, counts) else {
             return radiance;
         };
         let mut weight = Vec3::ONE;
-        let mut segments = vertex.segments;
+        let mut from = *vertex;
         let (mut path_m, mut from_surface_m) = (path_m, 0.0);
         loop {
             // Trace the next segment.
-            let arrival = scattered.arrival;
-            let direction = scattered.ray.direction;
-            let Some((point, distance)) = self.surface_along(&scattered.ray) else {
-                let through = scattered.medium.transmittance(f32::INFINITY) * self.weight_of_escape(direction, arrival);
-                return radiance + weight * through * self.scene.environment.radiance(direction);
+            let (through, met) = self.follow(&from, &scattered, &mut gather.sampler);
+            weight *= through;
+            let mut next = match met {
+                Met::Nothing { radiance: escaped } => return radiance + weight * escaped,
+                Met::Surface(next) => next,
             };
-            weight *= scattered.medium.transmittance(distance);
-            segments += 1;
+            let distance = (next.point.position - scattered.ray.origin).length();
             path_m += distance;
             from_surface_m += distance;
-            let next = Vertex { point, direction, medium: scattered.medium, segments };
-            radiance += weight * self.emitted(&next, arrival);
-            if segments >= gather.max_depth {
+            radiance += weight * self.emitted(&next, scattered.arrival);
+            if next.segments >= gather.max_depth {
                 return radiance;
             }
+            weight *= self.disperse(&mut next, &mut gather.sampler);
 
-            // Pass on through specular surfaces.
-            let Some(boundary) = Boundary::at(&self.scene, &next.point, direction) else {
-                return radiance + weight * self.reflected_at(&next, path_m, from_surface_m, gather);
-            };
-            let passed =
-                self.scatter_specular(&next, &boundary, SpecularEvents::ALL, &mut gather.sampler, gather.counts);
+            // Lambert reflection is looked up; what else there is passes the path on.
+            let bsdf = Bsdf::at(&self.scene, &next.point, next.direction, next.medium, next.channel);
+            let diffuse = bsdf.albedo(Lobes::DIFFUSE);
+            let others = bsdf.albedo(Lobes::GLOSSY) + bsdf.sharp().map_or(0.0, |_| 1.0);
+            let of_diffuse = if others > 0.0 { diffuse / (diffuse + others) } else { 1.0 };
+            if of_diffuse == 1.0 || gather.sampler.value() < of_diffuse {
+                let weight = weight * bsdf.diffuse() / of_diffuse;
+                return radiance + weight * self.irradiance_along(&next, &bsdf, path_m, from_surface_m, gather);
+            }
+            weight /= 1.0 - of_diffuse;
+            let (direct, passed) = self.scatter(&next, &bsdf, BESIDE_DIFFUSE, &mut gather.sampler, gather.counts);
+            radiance += weight * direct;
             let Some(passed) = passed else { return radiance };
             weight *= passed.weight;
             scattered = passed;
+            from = next;
         }
     }
 
-    /// What a diffuse surface further along the path sends back: from the cache, or by going on.
-    fn reflected_at(&self, vertex: &Vertex, path_m: f32, from_surface_m: f32, gather: &mut Gather<'_>) -> Vec3 {
-        let Surface::Diffuse { albedo } = &self.scene.materials[vertex.point.material as usize].surface else {
-            return Vec3::ZERO;
-        };
-        if albedo.is_black() {
+    /// Irradiance over pi at a surface further along the path: from the cache, or by going on.
+    fn irradiance_along(
+        &self,
+        vertex: &Vertex,
+        bsdf: &Bsdf,
+        path_m: f32,
+        from_surface_m: f32,
+        gather: &mut Gather<'_>,
+    ) -> Vec3 {
+        let albedo = bsdf.albedo(Lobes::DIFFUSE);
+        if albedo == 0.0 {
             return Vec3::ZERO;
         }
-        let albedo = albedo.at(&self.scene.textures, vertex.point.uv);
         let visible_cell_m = path_m * gather.cell_per_m;
         let cell_m = (SECONDARY_CELLS * visible_cell_m).min(CELL_PER_DISTANCE * from_surface_m).max(visible_cell_m);
         let place = Place { position: vertex.point.position, normal: vertex.lit_normal(), cell_m };
-        let may_end = gather.max_depth >= LEAST_DEPTH && gather.sampler.value() >= REFRESH;
+        let may_end = gather.may_end && gather.max_depth >= LEAST_DEPTH && gather.sampler.value() >= REFRESH;
         if may_end && let Some(mean) = gather.cache.mean_at(&place, MIN_SAMPLES) {
-            return albedo * mean;
+            return mean;
         }
         let mut survival = 1.0;
         if vertex.segments >= ROULETTE_AFTER {
-            survival = albedo.max_element().min(MAX_SURVIVAL);
+            survival = albedo.min(MAX_SURVIVAL);
             if gather.sampler.value() >= survival {
                 return Vec3::ZERO;
             }
@@ -109,6 +127,6 @@ impl PathTracer {
         if sample.is_finite() {
             gather.deposits.add_secondary(&place, sample);
         }
-        albedo * sample / survival
+        sample / survival
     }
 }

@@ -1,19 +1,22 @@
 //! Sampling the environment in proportion to its brightness.
 //!
-//! Method: the environment is looked at on a latitude-longitude grid; a direction is drawn by the cell's
-//! luminance times its solid angle (Pharr et al., 4th ed., 12.5), one in ten uniformly over the sphere, so
-//! that nothing the grid misses has density zero. Constant and black environments need no sampling: the
+//! Method: the environment is looked at on a latitude-longitude grid, in the space of the image where it is one,
+//! so that cells are texels up to 4096 by 2048; a direction is drawn by the cell's luminance times its solid angle
+//! (Pharr et al., 4th ed., 12.5), one in ten uniformly over the sphere. Radiance is bilinear between texels and a
+//! cell's luminance a mean over nine of its points, so the density is not proportional to it, but no direction has
+//! density zero and its figure is exact for the draw, which is all that weighting needs. Constant and black environments need no sampling: the
 //! cosine draw at the surface is already as good. Cost: two binary searches per sample; the grid takes
 //! 4 bytes per cell.
 
+use super::lights::ALMOST_ONE;
 use crate::scene::Environment;
-use glam::{Vec2, Vec3};
+use glam::{Mat3, Vec2, Vec3};
 use std::f32::consts::{PI, TAU};
 
 /// Part of the samples that are uniform; guards against what lies between the grid's points.
 const UNIFORM_PART: f32 = 0.1;
-/// Cells around and from pole to pole, at most; the smallest lights of larger images share a cell.
-const MAX_CELLS: (u32, u32) = (1024, 512);
+/// Cells around and from pole to pole, at most (32 MiB); the smallest lights of larger images share a cell.
+const MAX_CELLS: (u32, u32) = (4096, 2048);
 /// Cells for an environment that is a formula.
 const SMOOTH_CELLS: (u32, u32) = (16, 32);
 
@@ -22,6 +25,8 @@ const SMOOTH_CELLS: (u32, u32) = (16, 32);
 pub(crate) struct Surroundings {
     columns: usize,
     rows: usize,
+    /// From world to the space of the grid.
+    grid_from_world: Mat3,
     /// Sums of probability along each row, each row ending with 1.
     along_row: Vec<f32>,
     /// Sums of the probability of rows; the last is 1.
@@ -31,11 +36,14 @@ pub(crate) struct Surroundings {
 impl Surroundings {
     /// `None` where drawing from the environment would gain nothing.
     pub(crate) fn new(environment: &Environment) -> Option<Surroundings> {
-        let (columns, rows) = match environment {
+        let ((columns, rows), grid_from_world) = match environment {
             Environment::Black | Environment::Constant(_) => return None,
-            Environment::Gradient { .. } => SMOOTH_CELLS,
-            Environment::Image { width, height, .. } => (*width.min(&MAX_CELLS.0), *height.min(&MAX_CELLS.1)),
+            Environment::Gradient { .. } => (SMOOTH_CELLS, Mat3::IDENTITY),
+            Environment::Image { width, height, image_from_world, .. } => {
+                ((*width.min(&MAX_CELLS.0), *height.min(&MAX_CELLS.1)), *image_from_world)
+            }
         };
+        let world_from_grid = grid_from_world.transpose();
         let (columns, rows) = (columns.max(1) as usize, rows.max(1) as usize);
         let mut along_row = Vec::with_capacity(columns * rows);
         let mut over_rows = Vec::with_capacity(rows);
@@ -47,7 +55,8 @@ impl Surroundings {
             let mut sum = 0.0_f64;
             let start = along_row.len();
             for column in 0..columns {
-                sum += f64::from(luminance_of_cell(environment, column, row, columns, rows)) * solid_angle;
+                let luminance = luminance_of_cell(environment, &world_from_grid, (column, row), (columns, rows));
+                sum += f64::from(luminance) * solid_angle;
                 along_row.push(sum as f32);
             }
             normalise(&mut along_row[start..], sum);
@@ -58,26 +67,28 @@ impl Surroundings {
             return None;
         }
         normalise(&mut over_rows, total);
-        Some(Surroundings { columns, rows, along_row, over_rows })
+        Some(Surroundings { columns, rows, grid_from_world, along_row, over_rows })
     }
 
     /// A direction and its density over solid angle.
-    pub(crate) fn sample(&self, choice: f32, u: Vec2) -> (Vec3, f32) {
-        let direction = if choice < UNIFORM_PART {
+    pub(crate) fn sample(&self, u: Vec2) -> (Vec3, f32) {
+        let direction = if u.x < UNIFORM_PART {
             let height = 1.0 - 2.0 * u.y;
-            direction_of(u.x, height)
+            direction_of(u.x / UNIFORM_PART, height)
         } else {
             let (row, down) = draw(&self.over_rows, u.y);
-            let (column, along) = draw(self.row(row), u.x);
+            let (column, along) = draw(self.row(row), ((u.x - UNIFORM_PART) / (1.0 - UNIFORM_PART)).min(ALMOST_ONE));
             // Uniform in solid angle within the cell.
             let heights = [row, row + 1].map(|edge| (PI * edge as f32 / self.rows as f32).cos());
             direction_of((column as f32 + along) / self.columns as f32, heights[0] + (heights[1] - heights[0]) * down)
         };
+        let direction = (self.grid_from_world.transpose() * direction).normalize();
         (direction, self.pdf(direction))
     }
 
     /// Density over solid angle of drawing this direction.
-    pub(crate) fn pdf(&self, direction: Vec3) -> f32 {
+    pub(crate) fn pdf(&self, direction_in_world: Vec3) -> f32 {
+        let direction = self.grid_from_world * direction_in_world;
         let around = direction.x.atan2(-direction.z) / TAU + 0.5;
         let down = direction.y.clamp(-1.0, 1.0).acos() / PI;
         let column = ((around * self.columns as f32) as usize).min(self.columns - 1);
@@ -100,16 +111,25 @@ fn direction_of(around: f32, height: f32) -> Vec3 {
     Vec3::new(radius * sine, height, -radius * cosine)
 }
 
-/// Mean luminance at the centre and near the corners of a cell.
-fn luminance_of_cell(environment: &Environment, column: usize, row: usize, columns: usize, rows: usize) -> f32 {
-    let points = [(0.5, 0.5), (0.1, 0.1), (0.9, 0.1), (0.1, 0.9), (0.9, 0.9)];
-    let luminance = points.map(|(x, y)| {
+/// Mean luminance over points at the middle, near the corners and near the edges of a cell: with the texels beside
+/// it, which reach into it.
+fn luminance_of_cell(
+    environment: &Environment,
+    world_from_grid: &Mat3,
+    (column, row): (usize, usize),
+    (columns, rows): (usize, usize),
+) -> f32 {
+    const ACROSS: [f32; 3] = [0.1, 0.5, 0.9];
+    let mut sum = 0.0;
+    for y in ACROSS {
         let height = (PI * (row as f32 + y) / rows as f32).cos();
-        let radiance = environment.radiance(direction_of((column as f32 + x) / columns as f32, height));
-        // Rec. 709.
-        radiance.dot(Vec3::new(0.2126, 0.7152, 0.0722)).max(0.0)
-    });
-    luminance.iter().sum::<f32>() / points.len() as f32
+        for x in ACROSS {
+            let direction = world_from_grid * direction_of((column as f32 + x) / columns as f32, height);
+            // Rec. 709.
+            sum += environment.radiance(direction).dot(Vec3::new(0.2126, 0.7152, 0.0722)).max(0.0);
+        }
+    }
+    sum / (ACROSS.len() * ACROSS.len()) as f32
 }
 
 fn normalise(cumulative: &mut [f32], total: f64) {
@@ -140,7 +160,22 @@ mod tests {
     fn sun(bright: f32) -> Environment {
         let mut texels = vec![[0.1; 3]; 32 * 16];
         texels[5 * 32 + 7] = [bright; 3];
-        Environment::Image { width: 32, height: 16, texels, rotation_rad: 0.4 }
+        let image_from_world = Mat3::from_euler(glam::EulerRot::XYZ, 0.4, 1.2, -0.7);
+        Environment::Image { width: 32, height: 16, texels, image_from_world }
+    }
+
+    /// The density is that of a texel: the brightest one is drawn with 9/10 of the light that falls into it, which
+    /// can only be where the cells of the grid are the texels of a turned image.
+    #[test]
+    fn cells_are_texels_however_the_image_is_turned() {
+        let environment = sun(1e5);
+        let Environment::Image { image_from_world, .. } = &environment else { panic!() };
+        let surroundings = Surroundings::new(&environment).unwrap();
+        let middle = direction_of((7.5) / 32.0, (PI * 5.5 / 16.0).cos());
+        let [top, bottom] = [5.0_f32, 6.0].map(|edge| (PI * edge / 16.0).cos());
+        let probability = surroundings.pdf(image_from_world.transpose() * middle) * TAU / 32.0 * (top - bottom);
+        // The bilinear peak keeps a quarter of its weight in each half: (3/4)^2 of it is within its own texel.
+        assert!(probability > 0.45 && probability < 0.65, "{probability}");
     }
 
     /// numerics: sampling; one bright texel of 1e5, black environment; the density integrates to 1.
@@ -154,7 +189,7 @@ mod tests {
             let (mut drawn, mut solid_angle, mut summed) = (Vec3::ZERO, 0.0, Vec3::ZERO);
             for index in 0..samples {
                 let mut sampler = Sampler::new(9, 0, index);
-                let (direction, pdf) = surroundings.sample(sampler.value(), sampler.pair());
+                let (direction, pdf) = surroundings.sample(sampler.pair());
                 assert!((direction.length() - 1.0).abs() < 1e-5 && pdf > 0.0 && pdf.is_finite());
                 drawn += environment.radiance(direction) / pdf / samples as f32;
                 solid_angle += f64::from(1.0 / pdf) / f64::from(samples);

@@ -2,8 +2,8 @@
 
 use super::PathTracer;
 use crate::film::Image;
-use crate::scene::{Environment, Scene, Surface};
-use crate::testing::{SceneBuilder, colored, diffuse, emitter, glass, material, mirror, render, settings};
+use crate::scene::{Cutout, Environment, Falloff, Light, Scalar, Scene, Surface};
+use crate::testing::{SceneBuilder, colored, diffuse, emitter, glass, material, mirror, render, settings, solid};
 use glam::{DVec3, Vec3};
 use std::sync::Arc;
 use warplight_protocol::{Camera, ImageSize, Pose};
@@ -75,7 +75,7 @@ fn the_scaling_of_radiance_cancels_over_an_open_water_surface() {
 fn absorption_follows_beer_and_lambert() {
     let absorption = Vec3::new(0.5, 1.0, 0.0);
     // Index 1: nothing is reflected or bent, so only the way through the middle counts.
-    let inside = material("tinted", Surface::Dielectric { ior: 1.0, filter: Vec3::ONE, absorption }, Vec3::ZERO);
+    let inside = material("tinted", solid(1.0, Vec3::ONE, absorption), Vec3::ZERO);
     let scene = SceneBuilder::new().cube(Vec3::ZERO, 2.0, inside).environment(WHITE).build();
     let camera = Camera::symmetric(1e-3, ImageSize::new(1, 1));
     let pose = Pose::look_at(DVec3::new(0.1, 0.2, 5.0), DVec3::new(0.1, 0.2, 0.0));
@@ -91,7 +91,7 @@ fn a_filter_colours_each_crossing() {
     };
     let camera = Camera::symmetric(1e-3, ImageSize::new(1, 1));
     let pose = Pose::look_at(DVec3::new(0.0, 0.0, 5.0), DVec3::ZERO);
-    let through = Surface::Dielectric { ior: 1.0, filter, absorption: Vec3::ZERO };
+    let through = solid(1.0, filter, Vec3::ZERO);
     for (surface, expected) in [(through, filter * filter), (Surface::Mirror { filter }, filter)] {
         let image = render(&PathTracer::new(Arc::new(scene(surface))), &camera, &pose, &settings(4, 64, 1));
         assert!((image.radiance[0] - expected).length() < 1e-5, "{}", image.radiance[0]);
@@ -147,6 +147,79 @@ fn a_sphere_light_over_a_plane_matches_its_closed_form() {
     }
 }
 
+/// The radiance of a white floor's point lit by one light, seen from above.
+fn floor_lit_by(light: Light, aside: f64) -> Vec3 {
+    let mut scene = SceneBuilder::new().floor(0.0, 100.0, diffuse(1.0)).build();
+    scene.lights = vec![light];
+    let camera = Camera::symmetric(1e-4, ImageSize::new(1, 1));
+    let pose = Pose::look_at(DVec3::new(aside + 0.3, 3.0, 0.2), DVec3::new(aside, 0.0, 0.0));
+    render(&PathTracer::new(Arc::new(scene)), &camera, &pose, &settings(2, 2, 1)).radiance[0]
+}
+
+/// One light without extent is certain: two samples are exact.
+#[test]
+fn lights_without_extent_light_as_the_inverse_square_says() {
+    let close = |found: Vec3, expected: Vec3| {
+        assert!((found - expected).abs().max_element() <= 2e-4 * expected.max_element(), "{found} {expected}");
+    };
+    let intensity = Vec3::new(3.0, 2.0, 1.0);
+    let position = Vec3::new(0.0, 2.0, 0.0);
+    for aside in [0.0_f32, 1.0, 4.0] {
+        let distance2 = aside * aside + 4.0;
+        let cosine = 2.0 / distance2.sqrt();
+        let expected = intensity * cosine / distance2 / std::f32::consts::PI;
+        close(floor_lit_by(Light::Point { position, intensity }, aside.into()), expected);
+        let (inner_rad, outer_rad, falloff) = (0.3, 0.9, Falloff::LinearInAngle);
+        let spot = Light::Spot { position, axis: Vec3::NEG_Y, intensity, inner_rad, outer_rad, falloff };
+        let within = ((outer_rad - cosine.acos()) / (outer_rad - inner_rad)).clamp(0.0, 1.0);
+        close(floor_lit_by(spot, aside.into()), expected * within);
+    }
+    let sun = Light::Directional { direction: Vec3::new(0.6, -0.8, 0.0), irradiance: intensity };
+    close(floor_lit_by(sun, 7.0), intensity * 0.8 / std::f32::consts::PI);
+}
+
+#[test]
+fn what_stands_before_a_light_without_extent_shadows_it() {
+    let lights = [
+        Light::Point { position: Vec3::Y * 4.0, intensity: Vec3::ONE },
+        Light::Directional { direction: Vec3::NEG_Y, irradiance: Vec3::ONE },
+    ];
+    for light in lights {
+        let mut scene =
+            SceneBuilder::new().floor(0.0, 9.0, diffuse(1.0)).sphere(Vec3::Y * 2.0, 0.5, diffuse(0.0)).build();
+        scene.lights = vec![light];
+        let image = look(scene, Vec3::new(1.5, 0.8, 0.0), Vec3::new(0.0, 0.0, 0.0), 1, 4);
+        assert_eq!(image.radiance[0], Vec3::ZERO);
+    }
+}
+
+/// A black sheet that covers a part of every point darkens the sky behind it by that part; one with a threshold
+/// is there or not.
+#[test]
+fn a_cutout_lets_through_what_it_does_not_cover() {
+    let sheet = |opacity: f32, threshold: Option<f32>| {
+        let mut material = diffuse(0.0);
+        material.cutout = Some(Cutout { opacity: Scalar::Constant(opacity), threshold });
+        let mut scene = SceneBuilder::new()
+            .floor(0.0, 50.0, diffuse(1.0))
+            .floor(1.0, 50.0, material)
+            .environment(Environment::Constant(Vec3::ZERO))
+            .build();
+        scene.lights = vec![Light::Directional { direction: Vec3::NEG_Y, irradiance: Vec3::ONE }];
+        // Through the sheet, twice: to the floor, and from it to the light.
+        mean(&look(scene, Vec3::new(0.0, 2.0, 0.1), Vec3::ZERO, 48, 64)).x * std::f64::consts::PI
+    };
+    for opacity in [0.25, 0.7] {
+        let through = 1.0 - f64::from(opacity);
+        // 147,456 samples of a yes or no with the probability through^2.
+        let standard_error = (through.powi(2) * (1.0 - through.powi(2)) / 147_456.0).sqrt();
+        let found = sheet(opacity, None);
+        assert!((found - through * through).abs() < 4.0 * standard_error, "{found} for {opacity}");
+    }
+    assert!((sheet(0.25, Some(0.5)) - 1.0).abs() < 1e-3);
+    assert_eq!(sheet(0.75, Some(0.5)), 0.0);
+}
+
 #[test]
 fn depth_counts_segments() {
     let scene = || {
@@ -172,7 +245,7 @@ fn a_small_bright_spot_in_the_sky_lights_a_plane_as_its_solid_angle_says() {
             texels[row * 64 + column] = [50.0, 20.0, 5.0];
         }
     }
-    let sky = Environment::Image { width, height, texels, rotation_rad: 0.3 };
+    let sky = Environment::Image { width, height, texels, image_from_world: Environment::turned_about_y(0.3) };
     // Irradiance by summing over a fine grid of directions.
     let (mut irradiance, steps) = (DVec3::ZERO, 1000);
     for row in 0..steps {

@@ -1,13 +1,15 @@
 //! The scenes that come with the program: their files are in `scenes/`, their text is in the binary.
 
 /// (name, text of its scene.toml); the first is the default.
-const SCENES: [(&str, &str); 6] = [
+const SCENES: [(&str, &str); 8] = [
     ("gallery", include_str!("../../../scenes/gallery/scene.toml")),
     ("cornell", include_str!("../../../scenes/cornell/scene.toml")),
     ("mirror-room", include_str!("../../../scenes/mirror-room/scene.toml")),
     ("chrome", include_str!("../../../scenes/chrome/scene.toml")),
     ("pool", include_str!("../../../scenes/pool/scene.toml")),
     ("glass", include_str!("../../../scenes/glass/scene.toml")),
+    ("materials", include_str!("../../../scenes/materials/scene.toml")),
+    ("lamp", include_str!("../../../scenes/lamp/scene.toml")),
 ];
 
 /// Their names.

@@ -7,7 +7,7 @@ use std::io;
 pub enum SceneError {
     /// Neither a built-in scene nor a file of a known kind.
     #[error(
-        "unknown scene '{spec}': expected one of {names}, or a path that ends in .toml, .glb or .gltf",
+        "unknown scene '{spec}': expected one of {names}, or a path that ends in .toml, .xml, .glb, .gltf, .obj or .ply",
         names = super::Scene::built_in_names().join(", "),
         spec = spec.escape_debug()
     )]
@@ -23,7 +23,7 @@ pub enum SceneError {
         /// What the operating system says.
         source: io::Error,
     },
-    /// The file is not TOML, or has keys or types that no scene has.
+    /// The file is not TOML or XML, or has keys, elements or types that no scene has.
     #[error("{file}: line {line}, column {column}: {message}")]
     Syntax {
         /// The file.

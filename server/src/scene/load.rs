@@ -3,13 +3,14 @@
 use super::description::{compose, parse};
 use super::model::extension;
 use super::untrusted::{MAX_TOML_BYTES, read_file};
-use super::{Environment, NamedCamera, Part, Scene, SceneError, built_in, model};
+use super::{Environment, NamedCamera, Part, Scene, SceneError, built_in, mitsuba, model};
 use glam::{DVec3, Vec3};
 use std::path::Path;
 use warplight_protocol::Pose;
 
 impl Scene {
-    /// Loads a built-in scene by name, or a scene from a path that ends in .toml, .glb or .gltf.
+    /// Loads a built-in scene by name, or a scene from a path that ends in .toml, .xml (Mitsuba), .glb, .gltf,
+    /// .obj or .ply.
     ///
     /// What the file asks for and is not supported is in `warnings`; what would make the picture
     /// meaningless is an error, whose text is one line.
@@ -32,8 +33,13 @@ impl Scene {
                 let part = model::load(path)?;
                 Ok(finish(name_of(path), spec, part, None, 1.0, None))
             }
+            "obj" | "ply" => {
+                let part = model::load(path)?;
+                Ok(finish(name_of(path), spec, part, None, 1.0, None))
+            }
             "xml" => {
-                Err(SceneError::Unsupported { file: spec.to_owned(), feature: "a Mitsuba scene (.xml)".to_owned() })
+                let (part, environment) = mitsuba::load(path)?;
+                Ok(finish(name_of(path), spec, part, environment, 1.0, None))
             }
             _ => Err(SceneError::Unknown { spec: spec.to_owned() }),
         }
@@ -68,6 +74,7 @@ fn finish(
     exposure: f32,
     head: Option<Pose>,
 ) -> Scene {
+    part.drop_unseen();
     let dropped = part.mesh.drop_degenerate();
     if dropped > 0 {
         part.warnings.push(format!("{file}: {dropped} triangles without area are dropped"));
@@ -92,14 +99,18 @@ fn finish(
     }
     Scene {
         name,
+        origin: part.origin(),
         mesh: part.mesh,
         spheres: part.spheres,
         materials: part.materials,
         textures: part.textures,
+        lights: part.lights,
         environment,
         exposure,
         head,
         cameras: part.cameras,
+        motions: part.motions,
+        defaults: part.defaults,
         warnings: part.warnings,
     }
 }
@@ -119,7 +130,7 @@ fn framing(part: &Part) -> Pose {
         bounds = Some(bounds.map_or((low, high), |(l, h)| (l.min(low), h.max(high))));
     }
     let (low, high) = bounds.unwrap_or((Vec3::splat(-1.0), Vec3::ONE));
-    let middle = ((low + high) / 2.0).as_dvec3();
+    let middle = part.origin() + ((low + high) / 2.0).as_dvec3();
     let radius = f64::from((high - low).length() / 2.0).max(1e-3);
     // The bounding sphere touches the frustum at this distance.
     let distance = radius / f64::from(HEAD_FOV_RAD / 2.0).sin();
@@ -156,7 +167,7 @@ mod tests {
         let line = Scene::load("nowhere/scene.toml").unwrap_err().to_string();
         assert!(line.starts_with("nowhere/scene.toml: No such file"), "{line}");
         assert!(Scene::load("nowhere/a.glb").unwrap_err().to_string().starts_with("nowhere/a.glb: No such file"));
-        assert_eq!(Scene::load("a.xml").unwrap_err().to_string(), "a.xml: a Mitsuba scene (.xml) is not supported");
+        assert!(Scene::load("nowhere/a.xml").unwrap_err().to_string().starts_with("nowhere/a.xml: No such file"));
     }
 
     fn from_text(text: &str) -> Result<Scene, SceneError> {

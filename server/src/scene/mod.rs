@@ -9,27 +9,40 @@ mod description;
 mod environment;
 mod error;
 mod gltf;
+mod light;
 mod load;
 mod material;
 mod mesh;
 mod metals;
+mod mitsuba;
 mod model;
+mod motion;
+mod mtl;
+mod obj;
 mod part;
 mod pattern;
 mod picture;
+mod ply;
 mod shapes;
+mod texels;
 mod texture;
 mod untrusted;
 
 pub use environment::Environment;
 pub use error::SceneError;
-pub use material::{Color, Material, Surface};
+pub use light::{Falloff, Light};
+pub use material::{
+    Anisotropy, Coat, Color, Cutout, Distribution, Finish, Material, NormalMap, Scalar, Standard, Surface,
+};
 pub use mesh::{Mesh, Sphere};
+pub use motion::{Key, Motion, Moved, Origins, Target};
 pub use pattern::Pattern;
-pub use texture::{Texture, TextureKind};
+pub use texels::{Texels, Transfer};
+pub use texture::{ImageTexture, TexelFilter, Texture, TextureKind, Wrap};
 
+use glam::DVec3;
 use part::Part;
-use warplight_protocol::Pose;
+use warplight_protocol::{ImageSize, Pose};
 
 /// The scene of the main job.
 pub const DEFAULT_SCENE: &str = "gallery";
@@ -45,11 +58,25 @@ pub struct NamedCamera {
     pub vertical_fov_rad: f32,
 }
 
-/// Everything that is rendered.
+/// What a scene's file says about pictures of it; the command line comes first.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct RenderDefaults {
+    /// Size of the picture.
+    pub size: Option<ImageSize>,
+    /// Longest path in segments.
+    pub max_depth: Option<u32>,
+    /// Samples per pixel.
+    pub spp: Option<u32>,
+}
+
+/// Everything that is rendered. Positions of shapes and lights are counted from `origin`; poses are absolute.
 #[derive(Clone, Debug)]
 pub struct Scene {
     /// Name for reports: of a built-in scene, or the file's stem.
     pub name: String,
+    /// In world, in metres: what positions of shapes and lights are counted from. Zero, unless the scene lies far
+    /// from the world's own origin, where f32 would be too coarse.
+    pub origin: DVec3,
     /// All triangles.
     pub mesh: Mesh,
     /// Analytic spheres: exact normals for chrome and glass balls.
@@ -58,6 +85,10 @@ pub struct Scene {
     pub materials: Vec<Material>,
     /// Textures that materials name by index.
     pub textures: Vec<Texture>,
+    /// Lights without extent.
+    pub lights: Vec<Light>,
+    /// What moves, and how.
+    pub motions: Vec<Motion>,
     /// What rays see that leave the scene.
     pub environment: Environment,
     /// Factor on radiance before display.
@@ -66,6 +97,8 @@ pub struct Scene {
     pub head: Pose,
     /// View points, at least one; the first is the default of `render`.
     pub cameras: Vec<NamedCamera>,
+    /// What its file says about pictures of it.
+    pub defaults: RenderDefaults,
     /// What the files asked for and is not supported, one line each.
     pub warnings: Vec<String>,
 }

@@ -1,9 +1,11 @@
-//! Image files to linear texels.
+//! Image files to texels.
 //!
 //! PNG and JPEG hold sRGB (IEC 61966-2-1) unless the scene says otherwise; Radiance .hdr and OpenEXR hold
-//! linear light. The size is read and checked before pixels are decoded.
+//! linear light. The size is read and checked before pixels are decoded. Textures keep the numbers of the file
+//! ([`texels`]), surroundings become linear floats ([`decode`]).
 
 use super::SceneError;
+use super::texels::{Texels, Transfer, Values, linear_from_srgb};
 use super::untrusted::{MAX_IMAGE_SIDE, MAX_TEXELS, check_limit};
 use image::{DynamicImage, ImageFormat, ImageReader, Limits};
 use std::io::Cursor;
@@ -14,6 +16,7 @@ pub(super) enum Encoding {
     /// sRGB where the format is PNG or JPEG, else linear.
     ByFormat,
     /// Numbers are proportional to light (data textures, roughness and the like).
+    #[allow(dead_code, reason = "surroundings, which alone are decoded at once, are light in our scene files")]
     Linear,
 }
 
@@ -25,9 +28,58 @@ pub(super) struct Picture {
     pub(super) texels: Vec<[f32; 3]>,
 }
 
-/// Decodes an image file; `file` names it in messages.
+/// Decodes an image file to linear light; `file` names it in messages.
 pub(super) fn decode(file: &str, bytes: &[u8], encoding: Encoding) -> Result<Picture, SceneError> {
-    let malformed = |reason: String| SceneError::Malformed { file: file.to_owned(), reason: one_line(&reason) };
+    let (decoded, transfer) = read(file, bytes)?;
+    let is_srgb = encoding == Encoding::ByFormat && transfer == Transfer::Srgb;
+    let linear = |value: f32| if is_srgb { linear_from_srgb(value) } else { value.max(0.0) };
+    let texels: Vec<_> = decoded.to_rgb32f().pixels().map(|pixel| pixel.0.map(linear)).collect();
+    if texels.iter().flatten().any(|value| !value.is_finite()) {
+        return Err(malformed(file, NOT_FINITE));
+    }
+    Ok(Picture { width: decoded.width(), height: decoded.height(), texels })
+}
+
+/// The texels of an image file as they are stored; `file` names it in messages.
+pub(super) fn texels(file: &str, bytes: &[u8]) -> Result<Texels, SceneError> {
+    let (decoded, transfer) = read(file, bytes)?;
+    let size = (decoded.width(), decoded.height());
+    let channels = usize::from(decoded.color().channel_count());
+    let values = match decoded {
+        DynamicImage::ImageLuma8(image) => Values::Bytes(image.into_raw()),
+        DynamicImage::ImageLumaA8(image) => Values::Bytes(image.into_raw()),
+        DynamicImage::ImageRgb8(image) => Values::Bytes(image.into_raw()),
+        DynamicImage::ImageRgba8(image) => Values::Bytes(image.into_raw()),
+        DynamicImage::ImageLuma16(image) => Values::Words(image.into_raw()),
+        DynamicImage::ImageLumaA16(image) => Values::Words(image.into_raw()),
+        DynamicImage::ImageRgb16(image) => Values::Words(image.into_raw()),
+        DynamicImage::ImageRgba16(image) => Values::Words(image.into_raw()),
+        DynamicImage::ImageRgb32F(image) => Values::Floats(image.into_raw()),
+        DynamicImage::ImageRgba32F(image) => Values::Floats(image.into_raw()),
+        _ => return Err(malformed(file, "expected an image of 1 to 4 channels of 8, 16 or 32 bits")),
+    };
+    let values = match values {
+        Values::Floats(mut values) => {
+            if values.iter().any(|value| !value.is_finite()) {
+                return Err(malformed(file, NOT_FINITE));
+            }
+            values.iter_mut().for_each(|value| *value = value.max(0.0));
+            Values::Floats(values)
+        }
+        values => values,
+    };
+    Texels::new(size, channels, values, transfer).ok_or_else(|| malformed(file, "expected as many texels as it says"))
+}
+
+const NOT_FINITE: &str = "the image has texels that are no finite number";
+
+fn malformed(file: &str, reason: &str) -> SceneError {
+    SceneError::Malformed { file: file.to_owned(), reason: one_line(reason) }
+}
+
+/// What is in the file, and how its format stores light.
+fn read(file: &str, bytes: &[u8]) -> Result<(DynamicImage, Transfer), SceneError> {
+    let malformed = |reason: String| malformed(file, &reason);
     let reader = || ImageReader::new(Cursor::new(bytes)).with_guessed_format();
     let sized = reader().map_err(|e| malformed(e.to_string()))?;
     let format = sized.format().ok_or_else(|| malformed("expected a PNG, JPEG, HDR or EXR image".to_owned()))?;
@@ -46,23 +98,8 @@ pub(super) fn decode(file: &str, bytes: &[u8], encoding: Encoding) -> Result<Pic
     limits.max_alloc = Some(32 * MAX_TEXELS);
     full.limits(limits);
     let decoded = full.decode().map_err(|e| malformed(e.to_string()))?;
-    let is_srgb = encoding == Encoding::ByFormat && matches!(format, ImageFormat::Png | ImageFormat::Jpeg);
-    let texels = linear_texels(&decoded, is_srgb);
-    if texels.iter().flatten().any(|value| !value.is_finite()) {
-        return Err(malformed("the image has texels that are no finite number".to_owned()));
-    }
-    Ok(Picture { width: decoded.width(), height: decoded.height(), texels })
-}
-
-fn linear_texels(decoded: &DynamicImage, is_srgb: bool) -> Vec<[f32; 3]> {
-    let rgb = decoded.to_rgb32f();
-    let linear = |value: f32| if is_srgb { linear_from_srgb(value) } else { value.max(0.0) };
-    rgb.pixels().map(|pixel| pixel.0.map(linear)).collect()
-}
-
-/// IEC 61966-2-1, for values in [0, 1].
-fn linear_from_srgb(value: f32) -> f32 {
-    if value <= 0.040_45 { value.max(0.0) / 12.92 } else { ((value + 0.055) / 1.055).powf(2.4) }
+    let is_srgb = matches!(format, ImageFormat::Png | ImageFormat::Jpeg);
+    Ok((decoded, if is_srgb { Transfer::Srgb } else { Transfer::Linear }))
 }
 
 /// A message of somebody else's as one line of ours.
@@ -88,6 +125,23 @@ mod tests {
         assert!((middle_grey.texels[0][0] - 0.5029).abs() < 1e-3);
         let plain = decode("a.png", &png(2, 3, 188), Encoding::Linear).unwrap();
         assert!((plain.texels[0][0] - 188.0 / 255.0).abs() < 1e-6);
+    }
+
+    #[test]
+    fn stored_texels_decode_to_the_same_light() {
+        let mut image = image::RgbaImage::new(3, 2);
+        image.pixels_mut().enumerate().for_each(|(i, p)| p.0 = [i as u8 * 40, 7, 255, 100]);
+        let mut bytes = Vec::new();
+        image.write_to(&mut Cursor::new(&mut bytes), ImageFormat::Png).unwrap();
+        let (stored, decoded) =
+            (texels("a.png", &bytes).unwrap(), decode("a.png", &bytes, Encoding::ByFormat).unwrap());
+        assert_eq!((stored.width(), stored.height(), stored.bytes(), stored.transfer()), (3, 2, 24, Transfer::Srgb));
+        for (index, texel) in decoded.texels.iter().enumerate() {
+            let found = stored.at(index % 3, index / 3, Transfer::Srgb).to_array();
+            assert!((0..3).all(|channel| (found[channel] - texel[channel]).abs() < 1e-6), "{found:?} {texel:?}");
+            assert!((found[3] - 100.0 / 255.0).abs() < 1e-6);
+        }
+        assert_eq!((stored.constant(3), stored.constant(0)), (Some(100.0 / 255.0), None));
     }
 
     #[test]

@@ -61,9 +61,35 @@ impl FrameCost {
     }
 }
 
+/// Whether the budget is too small for a frame with hardly any samples.
+#[derive(Clone, Debug, Default)]
+pub(super) struct BudgetFit {
+    late_in_a_row: u32,
+    told: bool,
+}
+
+impl BudgetFit {
+    /// Takes in whether a frame with the fewest samples was late; true once, when that has become a habit.
+    pub(super) fn does_not(&mut self, late: bool) -> bool {
+        const HABIT: u32 = 5;
+        self.late_in_a_row = if late { self.late_in_a_row + 1 } else { 0 };
+        let tell = self.late_in_a_row >= HABIT && !self.told;
+        self.told |= tell;
+        tell
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_budget_that_is_too_small_is_told_once() {
+        let mut fit = BudgetFit::default();
+        let told = [true, true, true, false, true, true, true, true, true, true, true].map(|late| fit.does_not(late));
+        assert_eq!(told.iter().filter(|told| **told).count(), 1);
+        assert!(told[8] && (0..100).all(|_| !fit.does_not(true)));
+    }
 
     /// Frames of a machine with these costs, each with the samples that the model allows it.
     fn run(fixed: f64, per_sample: f64, budget: f64, frames: u32) -> Vec<f64> {

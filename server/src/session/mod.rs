@@ -12,7 +12,7 @@ mod cost;
 mod outbox;
 
 use crate::predict::Predictor;
-use cost::FrameCost;
+use cost::{BudgetFit, FrameCost};
 use outbox::Outbox;
 use std::collections::VecDeque;
 use std::time::Duration;
@@ -32,6 +32,8 @@ pub const KEEP_ALIVE: Duration = Duration::from_millis(500);
 pub const DEAD_PEER: Duration = Duration::from_secs(2);
 /// Poses are never predicted further ahead.
 pub const MAX_HORIZON: Duration = Duration::from_millis(100);
+/// Scenes that move are never shown further ahead of the last pose.
+const MAX_SCENE_HORIZON: Duration = Duration::from_secs(1);
 /// Stills that may wait.
 const MAX_STILLS: usize = 64;
 /// Share of a new measurement in the running latency.
@@ -39,6 +41,8 @@ const LATENCY_GAIN: f64 = 0.2;
 
 /// Pixels that [`RenderJob::samples_per_1024_px`] counts for.
 const PIXELS_PER_UNIT: f64 = 1024.0;
+/// Fewest samples per 1024 pixels, so that light is still followed where time is short.
+const LEAST_SAMPLES: f64 = PIXELS_PER_UNIT / 64.0;
 
 /// How many samples each pixel of a live frame gets.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -121,6 +125,7 @@ pub struct ServerSession {
     last_heard: Timestamp,
     latency_secs: f64,
     cost: FrameCost,
+    fit: BudgetFit,
     statistics: Statistics,
 }
 
@@ -152,6 +157,7 @@ impl ServerSession {
             last_heard: now,
             latency_secs: 0.0,
             cost: FrameCost::default(),
+            fit: BudgetFit::default(),
             statistics: Statistics::default(),
         }
     }
@@ -244,18 +250,21 @@ impl ServerSession {
             return None;
         }
         let hello = self.hello.clone()?;
-        let (purpose, pose, horizon, samples_per_1024_px) = if self.live_frame_is_due(now) {
+        let (purpose, pose, horizon, scene_time, samples_per_1024_px) = if self.live_frame_is_due(now) {
             let horizon = Duration::from_secs_f64(self.latency_secs).min(MAX_HORIZON);
             self.rendered_pose = self.predictor.latest_time();
             let interval = Duration::from_secs_f64(1.0 / f64::from(hello.frame_hz));
             // Missed beats are not made up for.
             self.next_frame_due =
                 if now.since(self.next_frame_due) > interval { now + interval } else { self.next_frame_due + interval };
-            (FramePurpose::Live, self.predictor.predict(horizon)?, horizon, self.live_samples())
+            // Where the head will be is guessed, where things move is known: not cut off at the same horizon.
+            let latency = Duration::from_secs_f64(self.latency_secs).min(MAX_SCENE_HORIZON);
+            let scene_time = self.rendered_pose? + latency;
+            (FramePurpose::Live, self.predictor.predict(horizon)?, horizon, scene_time, self.live_samples())
         } else if self.outbox.is_idle() {
             let still = self.stills.pop_front()?;
             let spp = still.spp.clamp(1, self.config.max_still_spp);
-            (FramePurpose::Still(still.number), still.pose, Duration::ZERO, spp.saturating_mul(1024))
+            (FramePurpose::Still(still.number), still.pose, Duration::ZERO, still.scene_time, spp.saturating_mul(1024))
         } else {
             return None;
         };
@@ -273,6 +282,7 @@ impl ServerSession {
             purpose,
             pose_time: if is_live { self.rendered_pose? } else { Timestamp::ZERO },
             horizon_micros: horizon.as_micros() as u32,
+            scene_time,
             render_pose,
             shape: self.shape_for(&hello, purpose),
         };
@@ -289,12 +299,10 @@ impl ServerSession {
     fn live_samples(&self) -> u32 {
         const MOST: f64 = 4096.0 * PIXELS_PER_UNIT;
         const FIRST: f64 = 0.1 * PIXELS_PER_UNIT;
-        // So that light is still followed where time is short.
-        const LEAST: f64 = PIXELS_PER_UNIT / 64.0;
         match self.config.samples {
             SampleBudget::Samples(spp) => spp.max(1).saturating_mul(PIXELS_PER_UNIT as u32),
             SampleBudget::Time(budget) => {
-                self.cost.samples_within(budget.as_secs_f64() * 1e3, FIRST).clamp(LEAST, MOST) as u32
+                self.cost.samples_within(budget.as_secs_f64() * 1e3, FIRST).clamp(LEAST_SAMPLES, MOST) as u32
             }
         }
     }
@@ -325,7 +333,17 @@ impl ServerSession {
         rendering.end.encoded = now;
         if rendering.is_live {
             let millis = now.since(rendering.end.render_start).as_secs_f64() * 1e3;
-            self.cost.measure(f64::from(rendering.samples_per_1024_px), millis);
+            let samples = f64::from(rendering.samples_per_1024_px);
+            self.cost.measure(samples, millis);
+            if let SampleBudget::Time(budget) = self.config.samples {
+                let budget_millis = budget.as_secs_f64() * 1e3;
+                if self.fit.does_not(samples <= LEAST_SAMPLES && millis > budget_millis) {
+                    tracing::warn!(
+                        "a frame takes {millis:.0} ms with the fewest samples: more than the budget of {budget_millis:.0} ms; \
+                         frames come later until the picture is smaller or there are more cores"
+                    );
+                }
+            }
             self.statistics.frames_rendered += 1;
         }
         self.statistics.counters = counters;

@@ -1,5 +1,5 @@
 use super::*;
-use warplight_protocol::message::{FrameAck, PoseSample};
+use warplight_protocol::message::{FrameAck, PoseSample, VERSION};
 use warplight_protocol::wire::write_message;
 use warplight_protocol::{Camera, ImageSize};
 
@@ -122,7 +122,10 @@ fn the_measured_latency_is_predicted_ahead_up_to_a_tenth_of_a_second() {
     session.on_render_end(at(101), FrameId(2), at(101), vec![]);
     session.latency_secs = 9.0;
     pose(&mut session, at(200));
-    assert_eq!(session.poll_render(at(200)).unwrap().begin.horizon_micros, 100_000);
+    let begin = session.poll_render(at(200)).unwrap().begin;
+    assert_eq!(begin.horizon_micros, 100_000);
+    // The scene is known ahead, the head is not.
+    assert_eq!(begin.scene_time, begin.pose_time + MAX_SCENE_HORIZON);
 }
 
 #[test]
@@ -147,9 +150,14 @@ fn strips_leave_before_the_frame_is_whole() {
 #[test]
 fn a_still_is_rendered_when_no_live_frame_is_due() {
     let mut session = open();
-    say(&mut session, at(1), Message::StillRequest(StillRequest { number: 3, pose: Pose::IDENTITY, spp: 1_000_000 }));
+    say(
+        &mut session,
+        at(1),
+        Message::StillRequest(StillRequest { number: 3, pose: Pose::IDENTITY, scene_time: at(7), spp: 1_000_000 }),
+    );
     let job = session.poll_render(at(1)).unwrap();
     assert_eq!(job.begin.purpose, FramePurpose::Still(3));
+    assert_eq!(job.begin.scene_time, at(7));
     assert_eq!(job.spp, 16, "the server's limit");
     assert_eq!(job.begin.shape.plan, Plan::diffuse());
     assert_eq!(job.begin.shape.format.color, ColorFormat::Half);
@@ -158,7 +166,11 @@ fn a_still_is_rendered_when_no_live_frame_is_due() {
 #[test]
 fn a_still_is_never_replaced() {
     let mut session = open();
-    say(&mut session, at(1), Message::StillRequest(StillRequest { number: 3, pose: Pose::IDENTITY, spp: 4 }));
+    say(
+        &mut session,
+        at(1),
+        Message::StillRequest(StillRequest { number: 3, pose: Pose::IDENTITY, scene_time: at(7), spp: 4 }),
+    );
     render(&mut session, at(1)).unwrap();
     pose(&mut session, at(2));
     assert_eq!(render(&mut session, at(2)), None, "the still has not left");
@@ -192,7 +204,7 @@ fn another_version_is_told_both_versions() {
     session.on_bytes(at(0), &bytes);
     let answer = heard(&mut session, at(0));
     let [Message::Error { code: ErrorCode::Version, text }] = &answer[..] else { panic!("{answer:?}") };
-    assert!(text.contains("version 1 ") && text.contains("version 77"), "{text}");
+    assert!(text.contains(&format!("version {VERSION} ")) && text.contains("version 77"), "{text}");
     assert!(session.end().is_some());
 }
 

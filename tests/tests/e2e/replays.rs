@@ -29,7 +29,7 @@ fn plan(trace: Trace, seconds: f64, size: ImageSize) -> ReplayPlan {
 
 fn replay(plan: &ReplayPlan, scene: &str, spp: u32, seed: u64) -> Report {
     let (samples, estimator) = (SampleBudget::Samples(spp), Estimator::default());
-    let options = ServiceOptions { samples, estimator, max_depth: 4, seed, threads: 0, still_threads: 0 };
+    let options = ServiceOptions { samples, estimator, max_depth: 4, seed, threads: 0, still_threads: 0, plan: None };
     let service = Service::new(Scene::load(scene).unwrap(), options).unwrap();
     let link =
         LinkModel { latency: Duration::from_millis(20), jitter: Duration::from_millis(5), ..LinkModel::default() };

@@ -1,9 +1,10 @@
 //! Frames from the cache against path-traced ones.
 
 use super::*;
-use crate::scene::Environment;
+use crate::scene::{Environment, Scene};
 use crate::testing::{BLOCK_PX, SceneBuilder, block_means, colored, diffuse, emitter, glass, mirror, write_pictures};
 use glam::DVec3;
+use std::sync::Arc;
 use warplight_protocol::frame::{Interfaces, Plan, flatten};
 use warplight_protocol::{Camera, ImageSize, Pose};
 
@@ -18,8 +19,12 @@ struct Viewer {
 
 impl Viewer {
     fn new(scene: Scene, pose: Pose, max_depth: u32) -> Viewer {
+        Viewer::sized(SIDE, scene, pose, max_depth)
+    }
+
+    fn sized(side: u32, scene: Scene, pose: Pose, max_depth: u32) -> Viewer {
         let plan = crate::effects::plan_of(&scene);
-        let camera = Camera::symmetric(1.0, ImageSize::new(SIDE, SIDE));
+        let camera = Camera::symmetric(1.0, ImageSize::new(side, side));
         Viewer {
             renderer: FrameRenderer::new(Arc::new(scene)),
             live: LiveFrames::new(CacheSettings { log2_blocks: 14, max_samples: 1e5 }),
@@ -29,15 +34,25 @@ impl Viewer {
     }
 
     fn of(name: &str) -> Viewer {
-        let scene = Scene::load(name).unwrap();
-        let pose = scene.cameras.first().map_or(scene.head, |camera| camera.pose);
-        Viewer::new(scene, pose, 16)
+        Viewer::of_size(SIDE, name)
     }
 
+    fn of_size(side: u32, name: &str) -> Viewer {
+        let scene = Scene::load(name).unwrap();
+        let pose = scene.cameras.first().map_or(scene.head, |camera| camera.pose);
+        Viewer::sized(side, scene, pose, 16)
+    }
+
+    /// A frame of a head that moves by too little to be seen, but is not at rest.
     fn frame(&mut self, spp: f64) -> RayCounts {
+        self.request.render_pose.position.x += 1e-3 * if self.request.seed.is_multiple_of(2) { 1.0 } else { -1.0 };
+        self.still_frame(spp)
+    }
+
+    fn still_frame(&mut self, spp: f64) -> RayCounts {
         self.request.seed += 1;
         let counters = Counters::default();
-        let samples = spp * f64::from(SIDE * SIDE);
+        let samples = spp * self.request.camera.size.pixels() as f64;
         self.renderer.render_live(&self.request, samples, &mut self.live, &mut self.tree, &counters, &|_| {});
         let counts = counters.snapshot();
         assert_eq!(counts.dropped, 0);
@@ -191,3 +206,6 @@ fn samples_are_as_many_as_asked_for_and_a_frame_without_any_shows_what_is_known(
     assert_eq!((counts.diffuse, counts.shadow), (0, 0));
     assert!((sum(&viewer.picture()) / before - 1.0).abs() < 0.01);
 }
+
+mod moving;
+mod resting;

@@ -2,7 +2,7 @@
 
 use super::super::SceneError;
 use super::Rgb;
-use glam::{Vec2, Vec3};
+use glam::{DVec3, Vec2, Vec3};
 use std::fmt::Display;
 use std::ops::RangeInclusive;
 
@@ -61,9 +61,10 @@ impl Section<'_> {
         self.triple(field, channels, range)
     }
 
-    /// A point within reach of an f32, in metres.
-    pub(super) fn point(&self, field: &str, value: [f32; 3]) -> Result<Vec3, SceneError> {
-        self.triple(field, value, -MAX_POINT_M..=MAX_POINT_M)
+    /// A point within reach, in metres.
+    pub(super) fn point(&self, field: &str, value: [f64; 3]) -> Result<DVec3, SceneError> {
+        self.triple(field, value.map(|axis| axis as f32), -MAX_POINT_M..=MAX_POINT_M)?;
+        Ok(DVec3::from_array(value))
     }
 
     /// A length in metres.

@@ -1,15 +1,20 @@
 //! From the keys of a scene file to a scene: names are resolved, ranges checked, shapes made.
 
-use super::super::material::{Color, Material, Surface};
-use super::super::metals::{metal, metal_names};
 use super::super::pattern::Pattern;
-use super::super::picture::{Encoding, decode};
+use super::super::picture::{Encoding, Picture, decode, texels};
 use super::super::shapes::{self, Wave};
-use super::super::untrusted::{MAX_FILE_BYTES, MAX_ITEMS, MAX_TEXELS, check_limit, read_file};
-use super::super::{Environment, NamedCamera, Part, SceneError, Sphere, Texture, TextureKind, model};
+use super::super::texture::{ImageTexture, TexelFilter, Wrap, image_bytes};
+use super::super::untrusted::{MAX_FILE_BYTES, MAX_IMAGE_BYTES, MAX_ITEMS, check_limit, read_file};
+use super::super::{Environment, NamedCamera, Part, SceneError, Texture, TextureKind, Transfer, model};
 use super::checks::Section;
+use super::lights::light;
+use super::materials::{MaterialEntry, material};
+use super::motions::motion;
 use super::place::{pose, transform};
-use super::{ColorKeys, Description, EnvironmentKeys, MaterialEntry, Rgb, ShapeKeys, TextureEntry, WaveKeys};
+use super::{
+    Description, EnvironmentKeys, MAX_RADIANCE, Rgb, ShapeKeys, TexelFilterKey, TextureEntry, WaveKeys, WrapKey,
+    index_of,
+};
 use glam::{DAffine3, Vec2, Vec3};
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
@@ -32,7 +37,8 @@ pub(in super::super) fn compose(
 ) -> Result<Composition, SceneError> {
     let top = Section { file, name: String::new() };
     let items = description.shape.len() + description.material.len() + description.texture.len();
-    check_limit(file, "shapes, materials and textures", MAX_ITEMS, (items + description.camera.len()) as u64)?;
+    let items = items + description.light.len() + description.camera.len() + description.motion.len();
+    check_limit(file, "shapes, materials, textures, lights, cameras and motions", MAX_ITEMS, items as u64)?;
 
     let exposure = top.number("exposure", description.exposure, 1e-6..=1e6)?;
     let head = description
@@ -45,7 +51,7 @@ pub(in super::super) fn compose(
         part: Part::default(),
         textures: HashMap::new(),
         materials: HashMap::new(),
-        texels: 0,
+        image_bytes: 0,
     };
     for camera in &description.camera {
         let section = Section { file, name: format!("camera '{}'", camera.name.escape_debug()) };
@@ -61,6 +67,16 @@ pub(in super::super) fn compose(
     for (index, shape) in description.shape.iter().enumerate() {
         composer.shape(index, shape)?;
     }
+    for (index, keys) in description.light.iter().enumerate() {
+        let section = Section { file, name: format!("light {}", index + 1) };
+        let (light, at) = light(&section, keys)?;
+        composer.part.place_light(light, &DAffine3::from_translation(at));
+    }
+    for (index, keys) in description.motion.iter().enumerate() {
+        let section = Section { file, name: format!("motion {}", index + 1) };
+        let motion = motion(&section, keys, &composer.part, description.light.len())?;
+        composer.part.motions.push(motion);
+    }
     let environment = description.environment.as_ref().map(|keys| composer.environment(keys)).transpose()?;
     Ok(Composition { part: composer.part, environment, exposure, head: head.transpose()? })
 }
@@ -72,8 +88,8 @@ struct Composer<'a> {
     /// Index by name.
     textures: HashMap<String, u32>,
     materials: HashMap<String, u32>,
-    /// Image texels so far.
-    texels: u64,
+    /// Bytes of texels so far.
+    image_bytes: u64,
 }
 
 impl Composer<'_> {
@@ -91,11 +107,10 @@ impl Composer<'_> {
         }
     }
 
-    fn picture(&mut self, path: &Path, encoding: Encoding) -> Result<(u32, u32, Vec<[f32; 3]>), SceneError> {
-        let picture = decode(&path.display().to_string(), &read_file(path, MAX_FILE_BYTES)?, encoding)?;
-        self.texels += picture.texels.len() as u64;
-        check_limit(self.file, "texels", MAX_TEXELS, self.texels)?;
-        Ok((picture.width, picture.height, picture.texels))
+    /// Counts the texels of one more image.
+    fn count(&mut self, bytes: u64) -> Result<(), SceneError> {
+        self.image_bytes += bytes;
+        check_limit(self.file, "bytes of images", MAX_IMAGE_BYTES, self.image_bytes)
     }
 
     fn texture(&mut self, entry: &TextureEntry) -> Result<(), SceneError> {
@@ -103,11 +118,21 @@ impl Composer<'_> {
         let counts = 1e-3..=1e3_f32;
         let color = |field: &str, value: &Rgb| section.rgb(field, *value, 0.0..=1.0).map(|color| color.to_array());
         let kind = match entry {
-            TextureEntry::Image { file, linear, .. } => {
+            TextureEntry::Image { file, linear, wrap, filter, .. } => {
                 let path = self.path(&section, file)?;
-                let encoding = if *linear { Encoding::Linear } else { Encoding::ByFormat };
-                let (width, height, texels) = self.picture(&path, encoding)?;
-                TextureKind::Image { width, height, texels }
+                let texels = texels(&path.display().to_string(), &read_file(&path, MAX_FILE_BYTES)?)?;
+                self.count(texels.bytes())?;
+                let transfer = if *linear { Transfer::Linear } else { texels.transfer() };
+                let wrap = match wrap {
+                    WrapKey::Repeat => Wrap::Repeat,
+                    WrapKey::Mirror => Wrap::Mirror,
+                    WrapKey::Clamp => Wrap::Clamp,
+                };
+                let filter = match filter {
+                    TexelFilterKey::Linear => TexelFilter::Linear,
+                    TexelFilterKey::Nearest => TexelFilter::Nearest,
+                };
+                TextureKind::Image(ImageTexture { texels: texels.into(), transfer, wrap: [wrap; 2], filter })
             }
             TextureEntry::Checker { a, b, squares, .. } => TextureKind::Checker {
                 a: color("a", a)?,
@@ -156,50 +181,18 @@ impl Composer<'_> {
         if self.textures.insert(entry.name().to_owned(), index).is_some() {
             return Err(self.section("texture", entry.name()).error("name", "a name of its own", "one that is taken"));
         }
-        self.part.textures.push(Texture { kind });
+        self.part.textures.push(Texture::new(kind));
         Ok(())
-    }
-
-    fn color(&self, section: &Section, field: &str, keys: &ColorKeys, most: f32) -> Result<Color, SceneError> {
-        let (name, factor) = match keys {
-            ColorKeys::Plain(color) => return Ok(Color::Constant(section.rgb(field, *color, 0.0..=most)?)),
-            ColorKeys::Texture(name) => (name, Vec3::ONE),
-            ColorKeys::Scaled(scaled) => (&scaled.texture, section.rgb(field, scaled.factor, 0.0..=most)?),
-        };
-        let texture = index_of(&self.textures, section, field, "texture", name)?;
-        Ok(Color::Textured { texture, factor })
     }
 
     fn material(&mut self, entry: &MaterialEntry) -> Result<(), SceneError> {
         let name = entry.name();
-        let section = self.section("material", name);
-        let filter = |filter: &Option<Rgb>| section.rgb("filter", filter.unwrap_or(Rgb::Grey(1.0)), 0.0..=1.0);
-        let mut emission = Color::Constant(Vec3::ZERO);
-        let mut emission_two_sided = false;
-        let surface = match entry {
-            MaterialEntry::Diffuse { albedo, emission: emitted, emission_two_sided: both, .. } => {
-                if let Some(emitted) = emitted {
-                    emission = self.color(&section, "emission", emitted, MAX_RADIANCE)?;
-                    emission_two_sided = *both;
-                }
-                Surface::Diffuse { albedo: self.color(&section, "albedo", albedo, 1.0)? }
-            }
-            MaterialEntry::Mirror { filter: by, .. } => Surface::Mirror { filter: filter(by)? },
-            MaterialEntry::Conductor { metal: named, eta, k, .. } => {
-                let (eta, k) = conductor(&section, named.as_deref(), *eta, *k)?;
-                Surface::Conductor { eta, k }
-            }
-            MaterialEntry::Dielectric { ior, filter: by, absorption, .. } => Surface::Dielectric {
-                ior: section.number("ior", *ior, MIN_IOR..=MAX_IOR)?,
-                filter: filter(by)?,
-                absorption: section.rgb("absorption", absorption.unwrap_or(Rgb::Grey(0.0)), 0.0..=MAX_ABSORPTION)?,
-            },
-        };
+        let made = material(&self.section("material", name), &self.textures, entry)?;
         let index = self.part.materials.len() as u32;
         if self.materials.insert(name.to_owned(), index).is_some() {
             return Err(self.section("material", name).error("name", "a name of its own", "one that is taken"));
         }
-        self.part.materials.push(Material { name: name.to_owned(), surface, emission, emission_two_sided });
+        self.part.materials.push(made);
         Ok(())
     }
 
@@ -209,12 +202,10 @@ impl Composer<'_> {
         let repeat = |repeat: &[f32; 2]| section.pair("repeat", *repeat, -1e4..=1e4);
         let (mesh, world_from_shape, material) = match keys {
             ShapeKeys::Sphere { material: name, centre, radius } => {
-                let sphere = Sphere {
-                    centre: section.point("centre", *centre)?,
-                    radius: section.length("radius", *radius)?,
-                    material: material(name)?,
-                };
-                self.part.spheres.push(sphere);
+                let centre = section.point("centre", *centre)?;
+                let radius = f64::from(section.length("radius", *radius)?);
+                let material = material(name)?;
+                self.part.place_sphere(centre, radius, material);
                 return Ok(());
             }
             ShapeKeys::Box { material: name, size, repeat: times, transform: keys } => {
@@ -227,8 +218,8 @@ impl Composer<'_> {
                 if u.cross(v).length() < 1e-9 {
                     return Err(section.error("edge_v", "an edge that is not parallel to edge_u, and not 0", v));
                 }
-                let mesh = shapes::quad(section.point("corner", *corner)?, u, v, repeat(times)?);
-                (mesh, DAffine3::IDENTITY, material(name)?)
+                let mesh = shapes::quad(Vec3::ZERO, u.as_vec3(), v.as_vec3(), repeat(times)?);
+                (mesh, DAffine3::from_translation(section.point("corner", *corner)?), material(name)?)
             }
             ShapeKeys::Cylinder { material: name, radius, height, segments, repeat: times, transform: keys } => {
                 let radius = section.length("radius", *radius)?;
@@ -259,9 +250,7 @@ impl Composer<'_> {
                     }
                     replacements.insert(theirs.as_str(), material(ours)?);
                 }
-                let texels: u64 = part.textures.iter().map(Texture::texels).sum();
-                self.texels += texels;
-                check_limit(self.file, "texels", MAX_TEXELS, self.texels)?;
+                self.count(image_bytes(&part.textures))?;
                 // A model's own view points belong to the model: the scene has its own.
                 part.cameras.clear();
                 let names: Vec<String> = part.materials.iter().map(|material| material.name.clone()).collect();
@@ -269,7 +258,7 @@ impl Composer<'_> {
                 return self.part.append(part, &world_from_shape, self.file, replace);
             }
         };
-        self.part.mesh.append(&mesh, &world_from_shape, self.file, |_| material)
+        self.part.place(&mesh, &world_from_shape, self.file, |_| material)
     }
 
     fn environment(&mut self, keys: &EnvironmentKeys) -> Result<Environment, SceneError> {
@@ -286,51 +275,20 @@ impl Composer<'_> {
                 let rotation_rad = section.number("rotation_deg", *rotation_deg, -360.0..=360.0)?.to_radians();
                 let scale = section.number("scale", *scale, 0.0..=1e6)?;
                 let path = self.path(&section, file)?;
-                let (width, height, mut texels) = self.picture(&path, Encoding::ByFormat)?;
-                texels.iter_mut().flatten().for_each(|value| *value *= scale);
-                Ok(Environment::Image { width, height, texels, rotation_rad })
+                let bytes = read_file(&path, MAX_FILE_BYTES)?;
+                let mut picture = decode(&path.display().to_string(), &bytes, Encoding::ByFormat)?;
+                self.count(size_of_val(picture.texels.as_slice()) as u64)?;
+                picture.texels.iter_mut().flatten().for_each(|value| *value *= scale);
+                let Picture { width, height, texels } = picture;
+                let image_from_world = Environment::turned_about_y(rotation_rad);
+                Ok(Environment::Image { width, height, texels, image_from_world })
             }
         }
     }
 }
 
-/// Brightest radiance: the sun's disc has about 1e9 in relative terms, which no sampler here could use.
-const MAX_RADIANCE: f32 = 1e6;
-/// An index of 1 is no boundary at all.
-const MIN_IOR: f32 = 1.0001;
-/// Above germanium (4) nothing transparent exists.
-const MAX_IOR: f32 = 10.0;
-/// Per metre: opaque within a hundredth of a millimetre.
-const MAX_ABSORPTION: f32 = 1e6;
 /// Waves of one surface: each costs one sine per vertex.
 const MAX_WAVES: u64 = 64;
-
-fn index_of(
-    indices: &HashMap<String, u32>,
-    section: &Section,
-    field: &str,
-    kind: &str,
-    name: &str,
-) -> Result<u32, SceneError> {
-    let missing =
-        || section.error(field, format_args!("the name of a [[{kind}]]"), format_args!("'{}'", name.escape_debug()));
-    indices.get(name).copied().ok_or_else(missing)
-}
-
-fn conductor(
-    section: &Section,
-    named: Option<&str>,
-    eta: Option<Rgb>,
-    k: Option<Rgb>,
-) -> Result<(Vec3, Vec3), SceneError> {
-    match (named, eta, k) {
-        (Some(name), None, None) => metal(name).ok_or_else(|| {
-            section.error("metal", format_args!("one of {}", metal_names()), format_args!("'{}'", name.escape_debug()))
-        }),
-        (None, Some(eta), Some(k)) => Ok((section.rgb("eta", eta, 1e-3..=1e3)?, section.rgb("k", k, 0.0..=1e3)?)),
-        _ => Err(section.error("metal", "either metal, or both eta and k", "another combination")),
-    }
-}
 
 fn wave(section: &Section, keys: &WaveKeys) -> Result<Wave, SceneError> {
     let direction = section.pair("waves: direction", keys.direction, -1e6..=1e6)?;
@@ -356,17 +314,6 @@ impl TextureEntry {
             | TextureEntry::Marble { name, .. }
             | TextureEntry::Rings { name, .. }
             | TextureEntry::Hills { name, .. } => name,
-        }
-    }
-}
-
-impl MaterialEntry {
-    fn name(&self) -> &str {
-        match self {
-            MaterialEntry::Diffuse { name, .. }
-            | MaterialEntry::Mirror { name, .. }
-            | MaterialEntry::Conductor { name, .. }
-            | MaterialEntry::Dielectric { name, .. } => name,
         }
     }
 }

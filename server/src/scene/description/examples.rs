@@ -46,6 +46,8 @@ fn every_key_is_documented() {
         kinds.iter().map(|kind| format!("[[{section}]]\nkind = \"{kind}\"\nno_such_key = 1\n")).collect()
     };
     let mut texts = vec!["no_such_key = 1".to_owned(), "[head]\nno_such_key = 1".to_owned()];
+    texts.push("[[motion]]\nno_such_key = 1".to_owned());
+    texts.push("[[motion]]\nlight = 1\nkeys = [{ no_such_key = 1 }]".to_owned());
     texts.push("[[camera]]\nno_such_key = 1".to_owned());
     texts.push("[environment]\nkind = \"image\"\nno_such_key = 1".to_owned());
     texts.push(
@@ -57,7 +59,16 @@ fn every_key_is_documented() {
         "texture",
         &["image", "checker", "stripes", "wood", "tiles", "marble", "rings", "hills", "none"],
     ));
-    texts.extend(with_kind("material", &["diffuse", "mirror", "conductor", "dielectric", "none"]));
+    texts.extend(with_kind("material", &["diffuse", "mirror", "conductor", "dielectric", "pane", "standard", "none"]));
+    texts.extend(with_kind("light", &["point", "spot", "directional", "none"]));
+    let nested = |keys: &str| format!("[[material]]\nname = \"a\"\nkind = \"standard\"\nbase = 1\n{keys}");
+    texts.push(nested("coat = { no_such_key = 1 }"));
+    texts.push(nested("cutout = { no_such_key = 1 }"));
+    texts.push(nested("distribution = \"none\""));
+    let spot = "[[light]]\nkind = \"spot\"\nposition = [0, 0, 0]\nlook_at = [1, 0, 0]\nintensity = 1";
+    texts.push(format!("{spot}\nfalloff = \"none\""));
+    let image = "[[texture]]\nname = \"a\"\nkind = \"image\"\nfile = \"a\"";
+    texts.extend([format!("{image}\nwrap = \"none\""), format!("{image}\nfilter = \"none\"")]);
     texts.extend(with_kind("shape", &["sphere", "box", "quad", "cylinder", "water", "mesh", "none"]));
     let mut keys = BTreeSet::new();
     for text in texts {
@@ -65,9 +76,10 @@ fn every_key_is_documented() {
         let (_, known) = line.split_once("expected").unwrap_or_else(|| panic!("{line}"));
         keys.extend(known.split('`').skip(1).step_by(2).map(str::to_owned));
     }
-    assert!(keys.len() > 50, "{keys:?}");
+    assert!(keys.len() > 80, "{keys:?}");
     for key in keys {
-        let written = [format!("`{key}`"), format!("{key} ="), format!("[[{key}]]"), format!("[{key}]")];
+        let written =
+            [format!("`{key}`"), format!("`\"{key}\"`"), format!("{key} ="), format!("[[{key}]]"), format!("[{key}]")];
         assert!(written.iter().any(|form| DOCUMENT.contains(form)), "{key} is not in docs/scene-format.md");
     }
 }

@@ -7,14 +7,23 @@ mod checks;
 mod compose;
 #[cfg(test)]
 mod examples;
+mod lights;
+#[cfg(test)]
+mod material_tests;
+mod materials;
+mod motions;
 mod place;
 
 pub(super) use compose::compose;
 
 use super::SceneError;
 use super::picture::one_line;
+use checks::Section;
+use lights::LightKeys;
+use materials::MaterialEntry;
+use motions::MotionKeys;
 use serde::Deserialize;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashMap};
 
 /// A whole scene file.
 #[derive(Debug, Deserialize)]
@@ -31,14 +40,18 @@ pub(super) struct Description {
     #[serde(default)]
     material: Vec<MaterialEntry>,
     #[serde(default)]
+    light: Vec<LightKeys>,
+    #[serde(default)]
     shape: Vec<ShapeKeys>,
+    #[serde(default)]
+    motion: Vec<MotionKeys>,
 }
 
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct HeadKeys {
-    position: [f32; 3],
-    look_at: Option<[f32; 3]>,
+    position: [f64; 3],
+    look_at: Option<[f64; 3]>,
     yaw_deg: Option<f32>,
 }
 
@@ -46,8 +59,8 @@ struct HeadKeys {
 #[serde(deny_unknown_fields)]
 struct CameraKeys {
     name: String,
-    position: [f32; 3],
-    look_at: Option<[f32; 3]>,
+    position: [f64; 3],
+    look_at: Option<[f64; 3]>,
     yaw_deg: Option<f32>,
     #[serde(default = "default_fov_deg")]
     vertical_fov_deg: f32,
@@ -82,6 +95,10 @@ enum TextureEntry {
         file: String,
         #[serde(default)]
         linear: bool,
+        #[serde(default)]
+        wrap: WrapKey,
+        #[serde(default)]
+        filter: TexelFilterKey,
     },
     Checker {
         name: String,
@@ -142,39 +159,28 @@ enum TextureEntry {
     },
 }
 
-#[derive(Debug, Deserialize)]
-#[serde(tag = "kind", rename_all = "snake_case", deny_unknown_fields)]
-enum MaterialEntry {
-    Diffuse {
-        name: String,
-        albedo: ColorKeys,
-        emission: Option<ColorKeys>,
-        #[serde(default)]
-        emission_two_sided: bool,
-    },
-    Mirror {
-        name: String,
-        filter: Option<Rgb>,
-    },
-    Conductor {
-        name: String,
-        metal: Option<String>,
-        eta: Option<Rgb>,
-        k: Option<Rgb>,
-    },
-    Dielectric {
-        name: String,
-        ior: f32,
-        filter: Option<Rgb>,
-        absorption: Option<Rgb>,
-    },
+#[derive(Clone, Copy, Debug, Default, Deserialize)]
+#[serde(rename_all = "snake_case")]
+enum WrapKey {
+    #[default]
+    Repeat,
+    Mirror,
+    Clamp,
+}
+
+#[derive(Clone, Copy, Debug, Default, Deserialize)]
+#[serde(rename_all = "snake_case")]
+enum TexelFilterKey {
+    #[default]
+    Linear,
+    Nearest,
 }
 
 /// Where a shape is put: scaled, then turned about X, Y and Z in this order, then moved.
 #[derive(Clone, Copy, Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct TransformKeys {
-    translate: Option<[f32; 3]>,
+    translate: Option<[f64; 3]>,
     rotate_deg: Option<[f32; 3]>,
     scale: Option<Scale>,
 }
@@ -184,7 +190,7 @@ struct TransformKeys {
 enum ShapeKeys {
     Sphere {
         material: String,
-        centre: [f32; 3],
+        centre: [f64; 3],
         radius: f32,
     },
     Box {
@@ -197,9 +203,9 @@ enum ShapeKeys {
     },
     Quad {
         material: String,
-        corner: [f32; 3],
-        edge_u: [f32; 3],
-        edge_v: [f32; 3],
+        corner: [f64; 3],
+        edge_u: [f64; 3],
+        edge_v: [f64; 3],
         #[serde(default = "one_by_one")]
         repeat: [f32; 2],
     },
@@ -309,6 +315,22 @@ fn default_cells() -> [u32; 2] {
     [64; 2]
 }
 
+/// Brightest radiance: the sun's disc has about 1e9 in relative terms, which no sampler here could use.
+const MAX_RADIANCE: f32 = 1e6;
+
+/// What a name stands for; `kind` is that of the sections that have such names.
+fn index_of(
+    indices: &HashMap<String, u32>,
+    section: &Section,
+    field: &str,
+    kind: &str,
+    name: &str,
+) -> Result<u32, SceneError> {
+    let missing =
+        || section.error(field, format_args!("the name of a [[{kind}]]"), format_args!("'{}'", name.escape_debug()));
+    indices.get(name).copied().ok_or_else(missing)
+}
+
 /// Reads the text of a scene file; `file` names it in messages.
 pub(super) fn parse(file: &str, text: &str) -> Result<Description, SceneError> {
     toml::from_str(text).map_err(|error| {
@@ -336,7 +358,7 @@ mod tests {
         assert_eq!(
             error("exposure = 1\nexposrue = 2\n"),
             "x.toml: line 2, column 1: unknown field `exposrue`, expected one of `exposure`, `head`, `camera`, \
-             `environment`, `texture`, `material`, `shape`"
+             `environment`, `texture`, `material`, `light`, `shape`, `motion`"
         );
         let nested =
             error("[[shape]]\nkind = \"sphere\"\nmaterial = \"a\"\ncentre = [0, 0, 0]\nradius = 1\ncolour = 3\n");

@@ -10,15 +10,15 @@ use warplight_protocol::Pose;
 /// neither it looks along -Z.
 pub(super) fn pose(
     section: &Section,
-    position: [f32; 3],
-    look_at: Option<[f32; 3]>,
+    position: [f64; 3],
+    look_at: Option<[f64; 3]>,
     yaw_deg: Option<f32>,
 ) -> Result<Pose, SceneError> {
-    let position = section.point("position", position)?.as_dvec3();
+    let position = section.point("position", position)?;
     match (look_at, yaw_deg) {
         (Some(_), Some(_)) => Err(section.error("look_at", "look_at or yaw_deg", "both")),
         (Some(target), None) => {
-            let target = section.point("look_at", target)?.as_dvec3();
+            let target = section.point("look_at", target)?;
             if target.distance(position) < 1e-6 {
                 return Err(section.error("look_at", "a point away from position", "position itself"));
             }
@@ -33,7 +33,7 @@ pub(super) fn pose(
 
 /// world_from_shape: scale, then turns about X, Y and Z in this order, then the translation.
 pub(super) fn transform(section: &Section, keys: &TransformKeys) -> Result<DAffine3, SceneError> {
-    let translation = section.point("transform: translate", keys.translate.unwrap_or_default())?.as_dvec3();
+    let translation = section.point("transform: translate", keys.translate.unwrap_or_default())?;
     let turns =
         section.triple("transform: rotate_deg", keys.rotate_deg.unwrap_or_default(), -360.0..=360.0)?.as_dvec3();
     let scale = match keys.scale {
@@ -71,7 +71,7 @@ mod tests {
         let both = pose(&section(), [0.0; 3], Some([1.0; 3]), Some(1.0)).unwrap_err().to_string();
         assert_eq!(both, "x.toml: head: look_at: expected look_at or yaw_deg, found both");
         assert!(pose(&section(), [1.0; 3], Some([1.0; 3]), None).is_err());
-        assert!(pose(&section(), [f32::NAN; 3], None, None).is_err());
+        assert!(pose(&section(), [f64::NAN; 3], None, None).is_err());
     }
 
     #[test]

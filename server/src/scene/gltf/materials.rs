@@ -1,19 +1,28 @@
-//! glTF materials to the surfaces there are.
+//! glTF materials to surfaces: metallic-roughness (specification, 3.9) and the extensions that describe how
+//! light meets a surface.
 //!
-//! Metallic-roughness materials (specification, 3.9) are reduced: transmission becomes a smooth dielectric,
-//! a smooth metal a mirror of the base colour, everything else Lambert reflection of the base colour. What
-//! this leaves out is noted, each feature once.
+//! | what the file says | surface |
+//! |---|---|
+//! | no metal, specular factor 0, nothing on top | `Diffuse`: exactly that |
+//! | white smooth metal | `Mirror`: Schlick's reflectance of white is 1 at all angles |
+//! | no metal, transmission 1, with thickness | `Dielectric`: refracts by KHR_materials_ior, absorbs by KHR_materials_volume |
+//! | no metal, transmission 1, without thickness | `ThinDielectric`: a pane |
+//! | unlit | black, emits its base colour |
+//! | everything else | `Standard` |
+//!
+//! What this leaves out is noted, each feature once, with its users. Factors beyond their range are clamped to
+//! it. A roughness r of glTF is an alpha of r^2.
 
-use super::super::picture::{Encoding, Picture, decode};
-use super::super::untrusted::{MAX_TEXELS, check_limit};
-use super::super::{Color, Material, Part, SceneError, Surface, Texture, TextureKind};
+use super::super::{
+    Anisotropy, Coat, Color, Cutout, Distribution, Finish, Material, NormalMap, Part, Scalar, SceneError, Standard,
+    Surface,
+};
 use super::Source;
-use super::container::read_uri;
+use super::textures::{TextureUse, Textures};
 use super::unsupported::Unsupported;
-use glam::Vec3;
+use glam::{Vec2, Vec3};
 use gltf::material::AlphaMode;
-use gltf::texture::{Info, WrappingMode};
-use std::collections::HashMap;
+use serde_json::Value;
 
 /// Which set of texture coordinates each material uses.
 pub(super) struct UvSets(Vec<u32>);
@@ -32,201 +41,301 @@ impl UvSets {
 
 /// Reads all materials in the file's order, and behind them a white one for meshes that have none.
 pub(super) fn read(source: &Source, part: &mut Part, unsupported: &mut Unsupported) -> Result<UvSets, SceneError> {
-    let mut reader =
-        Reader { source, part, unsupported, pictures: HashMap::new(), textures: HashMap::new(), texels: 0 };
     let mut uv_sets = Vec::new();
+    let mut textures = Textures::default();
     for (index, material) in source.document.materials().enumerate() {
-        uv_sets.push(reader.material(index, &material)?);
+        let name = material.name().map_or_else(|| format!("material {index}"), str::to_owned);
+        let mut reader = Reader { source, part, unsupported, textures: &mut textures, name, uv_set: None };
+        let read = reader.material(&material)?;
+        uv_sets.push(reader.uv_set.unwrap_or(0));
+        part.materials.push(read);
     }
-    part.materials.push(Material {
-        name: "default".to_owned(),
-        surface: Surface::Diffuse { albedo: Color::Constant(Vec3::ONE) },
-        emission: Color::Constant(Vec3::ZERO),
-        emission_two_sided: false,
-    });
+    part.materials.push(Material::new("default", Surface::Diffuse { albedo: Color::Constant(Vec3::ONE) }));
     Ok(UvSets(uv_sets))
 }
 
-/// From here on a metal counts as one.
-const METALLIC: f32 = 0.5;
-/// Up to here a surface counts as smooth: the lobe is then narrower than about 2 degrees.
-const SMOOTH: f32 = 0.1;
-/// Transmission above this makes a surface clear.
-const CLEAR: f32 = 0.5;
-
 /// Extensions that change how a surface looks and are left out.
-const LEFT_OUT: [(&str, &str); 8] = [
-    ("KHR_materials_clearcoat", "clear coats are left out"),
+const LEFT_OUT: [(&str, &str); 4] = [
     ("KHR_materials_sheen", "sheen is left out"),
-    ("KHR_materials_anisotropy", "anisotropy is left out"),
     ("KHR_materials_iridescence", "iridescence is left out"),
-    ("KHR_materials_dispersion", "dispersion is left out"),
     ("KHR_materials_diffuse_transmission", "diffuse transmission is left out"),
-    ("KHR_materials_unlit", "unlit materials are lit"),
     ("KHR_materials_pbrSpecularGlossiness", "specular-glossiness is left out: the base colour is used"),
 ];
 
+/// Reads one material.
 struct Reader<'a> {
     source: &'a Source,
     part: &'a mut Part,
     unsupported: &'a mut Unsupported,
-    /// Mean of the data textures (roughness in green, metalness in blue) by image.
-    pictures: HashMap<usize, Vec3>,
-    /// Index of the scene's texture by image.
-    textures: HashMap<usize, u32>,
-    texels: u64,
+    textures: &'a mut Textures,
+    /// Of the material.
+    name: String,
+    /// The set of texture coordinates of its first texture.
+    uv_set: Option<u32>,
 }
 
 impl Reader<'_> {
-    /// Reads one material and returns the set of texture coordinates that it uses.
-    fn material(&mut self, index: usize, material: &gltf::Material) -> Result<u32, SceneError> {
-        let name = material.name().map_or_else(|| format!("material {index}"), str::to_owned);
-        self.note_left_out(material, &name);
+    fn material(&mut self, material: &gltf::Material) -> Result<Material, SceneError> {
+        for (extension, what) in LEFT_OUT {
+            if material.extension_value(extension).is_some() {
+                self.note(what);
+            }
+        }
         let pbr = material.pbr_metallic_roughness();
-        let [red, green, blue, _] = pbr.base_color_factor();
+        let [red, green, blue, alpha] = pbr.base_color_factor();
         let base_factor = Vec3::new(red, green, blue).clamp(Vec3::ZERO, Vec3::ONE);
-        let (mut metallic, mut roughness) = (pbr.metallic_factor(), pbr.roughness_factor());
-        if let Some(info) = pbr.metallic_roughness_texture() {
-            let mean = self.mean(&info)?;
-            metallic *= mean.z;
-            roughness *= mean.y;
-            self.unsupported.note("textures of roughness and metalness are averaged", &name);
+        let base_texture = pbr.base_color_texture().map(|info| TextureUse::of(&info));
+        let base = self.color(base_factor, base_texture)?;
+        let mut read = Material::new(self.name.clone(), Surface::Null);
+        read.cutout = self.cutout(material, alpha, base_texture)?;
+        read.emission_two_sided = material.double_sided();
+        if material.extension_value("KHR_materials_unlit").is_some() {
+            read.surface = Surface::Diffuse { albedo: Color::Constant(Vec3::ZERO) };
+            read.emission = base;
+            return Ok(read);
         }
+        read.surface = self.surface(material, base)?;
+        read.emission = self.emission(material)?;
+        if let Some(normals) = material.normal_texture() {
+            let texture = self.texture(TextureUse::of_normals(&normals), true)?;
+            read.normal_map =
+                Some(NormalMap { texture, scale: Vec2::splat(normals.scale().clamp(-MAX_TILT, MAX_TILT)) });
+        }
+        Ok(read)
+    }
 
-        let transmission = material.transmission();
-        let transmitted = transmission.as_ref().map_or(0.0, |transmission| transmission.transmission_factor());
-        if transmission.is_some_and(|transmission| transmission.transmission_texture().is_some()) {
-            self.unsupported.note("textures of transmission are left out", &name);
+    fn surface(&mut self, material: &gltf::Material, base: Color) -> Result<Surface, SceneError> {
+        let pbr = material.pbr_metallic_roughness();
+        let roughness_and_metalness = pbr.metallic_roughness_texture().map(|info| TextureUse::of(&info));
+        let metallic = self.scalar(pbr.metallic_factor(), roughness_and_metalness, BLUE)?;
+        let finish = Finish {
+            distribution: Distribution::Ggx,
+            alpha: self.alpha(pbr.roughness_factor(), roughness_and_metalness)?,
+            anisotropy: self.anisotropy(material)?,
+            compensated: true,
+        };
+        let coat = self.coat(material)?;
+        let (mut specular, mut specular_color) = (Scalar::Constant(1.0), Color::Constant(Vec3::ONE));
+        if let Some(extension) = material.specular() {
+            let used = extension.specular_texture().map(|info| TextureUse::of(&info));
+            specular = self.scalar(extension.specular_factor(), used, ALPHA)?;
+            let used = extension.specular_color_texture().map(|info| TextureUse::of(&info));
+            let factor = Vec3::from_array(extension.specular_color_factor());
+            specular_color = self.color(factor.clamp(Vec3::ZERO, Vec3::splat(MAX_SPECULAR_COLOR)), used)?;
         }
-        let base_texture = pbr.base_color_texture();
-        let surface = if transmitted > CLEAR && metallic < METALLIC {
-            if roughness > SMOOTH {
-                self.unsupported.note("rough transmission is drawn smooth", &name);
+        let transmission = match material.transmission() {
+            None => NONE,
+            Some(extension) => {
+                let used = extension.transmission_texture().map(|info| TextureUse::of(&info));
+                self.scalar(extension.transmission_factor(), used, RED)?
             }
-            self.note_texture_of_specular(base_texture.as_ref(), &name);
-            self.dielectric(material, base_factor, &name)
-        } else if metallic >= METALLIC && roughness < SMOOTH {
-            self.note_texture_of_specular(base_texture.as_ref(), &name);
-            Surface::Mirror { filter: base_factor }
-        } else {
-            if transmitted > 0.0 {
-                self.unsupported.note("transmission is left out where it is weak or the base is metal", &name);
-            }
-            if metallic >= METALLIC {
-                self.unsupported.note("rough metal is drawn as a diffuse surface", &name);
-            } else if material.specular().is_none_or(|specular| specular.specular_factor() > 0.0) {
-                self.unsupported.note("the dielectric coat over the base colour is left out", &name);
-            }
-            Surface::Diffuse { albedo: self.color(base_factor, base_texture.as_ref(), &name)? }
         };
 
+        let (is_plastic, is_opaque, is_clear) = (metallic == NONE, transmission == NONE, transmission == ALL);
+        let has_own_reflectance = specular != ALL || specular_color != Color::Constant(Vec3::ONE);
+        let is_solid = material.volume().is_some_and(|volume| volume.thickness_factor() > 0.0);
+        if is_plastic && is_opaque && specular == NONE && coat.is_none() {
+            return Ok(Surface::Diffuse { albedo: base });
+        }
+        if metallic == ALL && base == Color::Constant(Vec3::ONE) && finish.is_smooth() && coat.is_none() {
+            return Ok(Surface::Mirror { filter: Vec3::ONE });
+        }
+        if is_plastic && is_clear && is_solid {
+            if coat.is_some() {
+                self.note("clear coats of solid glass are left out");
+            }
+            if has_own_reflectance {
+                self.note("specular factors of solid glass are left out: its index says what it reflects");
+            }
+            let volume = material.volume();
+            let absorption = volume.map_or(Vec3::ZERO, |volume| {
+                absorption(Vec3::from_array(volume.attenuation_color()), volume.attenuation_distance())
+            });
+            let dispersion = self.number(material, "KHR_materials_dispersion", "dispersion", 0.0, MAX_DISPERSION)?;
+            // An index of 1 is no boundary, and a rough one could not be drawn from.
+            let ior = self.ior(material, MAX_SOLID_IOR).max(MIN_SOLID_IOR);
+            return Ok(Surface::Dielectric { ior, dispersion, filter: base, absorption, finish });
+        }
+        let ior = self.ior(material, MAX_IOR);
+        if is_plastic && is_clear && coat.is_none() && !has_own_reflectance {
+            return Ok(Surface::ThinDielectric { ior: ior.clamp(MIN_SOLID_IOR, MAX_SOLID_IOR), filter: base, finish });
+        }
+        if !is_opaque && is_solid {
+            self.note("solids that are partly opaque or metal are drawn as thin walls");
+        }
+        Ok(Surface::Standard(Standard { base, metallic, finish, ior, specular, specular_color, transmission, coat }))
+    }
+
+    /// KHR_materials_ior: 0 stands for an infinite index.
+    fn ior(&mut self, material: &gltf::Material, most: f32) -> f32 {
+        match material.ior() {
+            None => DEFAULT_IOR,
+            Some(0.0) => most,
+            Some(ior) if ior >= 1.0 => ior.min(most),
+            Some(_) => {
+                self.note("an index of refraction below 1 is none: 1.5 is used");
+                DEFAULT_IOR
+            }
+        }
+    }
+
+    fn coat(&mut self, material: &gltf::Material) -> Result<Option<Coat>, SceneError> {
+        const NAME: &str = "KHR_materials_clearcoat";
+        let Some(extension) = material.extension_value(NAME) else { return Ok(None) };
+        let factor = self.number(material, NAME, "clearcoatFactor", 0.0, 1.0)?;
+        let used = self.extension_texture(extension, "clearcoatTexture")?;
+        let strength = self.scalar(factor, used, RED)?;
+        if strength == NONE {
+            return Ok(None);
+        }
+        let roughness = self.number(material, NAME, "clearcoatRoughnessFactor", 0.0, 1.0)?;
+        let used = self.extension_texture(extension, "clearcoatRoughnessTexture")?;
+        let alpha = self.alpha(roughness, used)?;
+        if extension.get("clearcoatNormalTexture").is_some() {
+            self.note("normal maps of clear coats are left out");
+        }
+        Ok(Some(Coat { strength, alpha }))
+    }
+
+    fn anisotropy(&mut self, material: &gltf::Material) -> Result<Anisotropy, SceneError> {
+        const NAME: &str = "KHR_materials_anisotropy";
+        let Some(extension) = material.extension_value(NAME) else { return Ok(Anisotropy::default()) };
+        let strength = self.number(material, NAME, "anisotropyStrength", 0.0, 1.0)?;
+        if strength == 0.0 {
+            return Ok(Anisotropy::default());
+        }
+        let rotation_rad = self.number(material, NAME, "anisotropyRotation", -MAX_TURN_RAD, MAX_TURN_RAD)?;
+        let used = self.extension_texture(extension, "anisotropyTexture")?;
+        let texture = used.map(|used| self.texture(used, true)).transpose()?;
+        Ok(Anisotropy { strength, rotation_rad, texture })
+    }
+
+    fn emission(&mut self, material: &gltf::Material) -> Result<Color, SceneError> {
         let strength = material.emissive_strength().unwrap_or(1.0);
         let emitted = Vec3::from_array(material.emissive_factor()) * strength;
         if !(emitted.min_element() >= 0.0 && emitted.max_element() <= MAX_RADIANCE) {
-            let reason =
-                format!("material '{}': emission: expected 0 to {MAX_RADIANCE}, found {emitted}", name.escape_debug());
-            return Err(self.source.malformed(reason));
+            return Err(self.malformed(format!("emission: expected 0 to {MAX_RADIANCE}, found {emitted}")));
         }
-        let emissive_texture = material.emissive_texture();
-        let emission = match emitted == Vec3::ZERO {
-            true => Color::Constant(Vec3::ZERO),
-            false => self.color(emitted, emissive_texture.as_ref(), &name)?,
+        self.color(emitted, material.emissive_texture().map(|info| TextureUse::of(&info)))
+    }
+
+    /// Where the alpha mode leaves holes.
+    fn cutout(
+        &mut self,
+        material: &gltf::Material,
+        factor: f32,
+        base: Option<TextureUse>,
+    ) -> Result<Option<Cutout>, SceneError> {
+        let threshold = match material.alpha_mode() {
+            AlphaMode::Opaque => return Ok(None),
+            AlphaMode::Mask => Some(material.alpha_cutoff().unwrap_or(0.5).clamp(0.0, f32::MAX)),
+            AlphaMode::Blend => None,
         };
-        let uv_set =
-            [base_texture, emissive_texture].into_iter().flatten().map(|info| info.tex_coord()).next().unwrap_or(0);
-        self.part.materials.push(Material { name, surface, emission, emission_two_sided: material.double_sided() });
-        Ok(uv_set)
+        let opacity = self.scalar(factor, base, ALPHA)?;
+        let is_whole = matches!(opacity, Scalar::Constant(opacity) if opacity >= threshold.unwrap_or(1.0));
+        Ok((!is_whole).then_some(Cutout { opacity, threshold }))
     }
 
-    fn dielectric(&mut self, material: &gltf::Material, filter: Vec3, name: &str) -> Surface {
-        let ior = material.ior().unwrap_or(1.5);
-        // 0 stands for an infinite index (KHR_materials_ior); an index below 1 is none.
-        let ior = if (1.0..=MAX_IOR).contains(&ior) { ior } else { MAX_IOR };
-        let volume = material.volume();
-        if volume.as_ref().is_none_or(|volume| volume.thickness_factor() == 0.0) {
-            self.unsupported.note("thin-walled transmission is drawn as a solid", name);
-        }
-        let absorption = volume.map_or(Vec3::ZERO, |volume| {
-            absorption(Vec3::from_array(volume.attenuation_color()), volume.attenuation_distance())
-        });
-        Surface::Dielectric { ior, filter, absorption }
-    }
-
-    fn note_texture_of_specular(&mut self, info: Option<&Info>, name: &str) {
-        if info.is_some() {
-            self.unsupported.note("base colour textures of mirrors and glass are left out", name);
+    fn color(&mut self, factor: Vec3, used: Option<TextureUse>) -> Result<Color, SceneError> {
+        match used {
+            Some(used) if factor != Vec3::ZERO => Ok(Color::Textured { texture: self.texture(used, false)?, factor }),
+            _ => Ok(Color::Constant(factor)),
         }
     }
 
-    fn note_left_out(&mut self, material: &gltf::Material, name: &str) {
-        for (extension, what) in LEFT_OUT {
-            if material.extension_value(extension).is_some() {
-                self.unsupported.note(what, name);
-            }
+    /// One channel of a texture times a factor from 0 to 1.
+    fn scalar(&mut self, factor: f32, used: Option<TextureUse>, channel: u8) -> Result<Scalar, SceneError> {
+        self.channel(factor.clamp(0.0, 1.0), used, channel, false)
+    }
+
+    /// The alpha of a roughness whose texture is in green.
+    fn alpha(&mut self, roughness: f32, used: Option<TextureUse>) -> Result<Scalar, SceneError> {
+        self.channel(roughness.clamp(0.0, 1.0).powi(2), used, GREEN, true)
+    }
+
+    fn channel(
+        &mut self,
+        factor: f32,
+        used: Option<TextureUse>,
+        channel: u8,
+        squared: bool,
+    ) -> Result<Scalar, SceneError> {
+        let Some(used) = used.filter(|_| factor != 0.0) else { return Ok(Scalar::Constant(factor)) };
+        let texels = self.textures.texels(self.source, used)?;
+        if let Some(value) = texels.constant(usize::from(channel)) {
+            return Ok(Scalar::Constant(factor * if squared { value * value } else { value }));
         }
-        if material.normal_texture().is_some() {
-            self.unsupported.note("normal maps are left out", name);
+        // A colour's own texture has the same alpha, so that none is made for it alone.
+        let texture = self.texture(used, channel != ALPHA)?;
+        Ok(Scalar::Textured { texture, channel, factor, squared })
+    }
+
+    fn texture(&mut self, used: TextureUse, data: bool) -> Result<u32, SceneError> {
+        if *self.uv_set.get_or_insert(used.uv_set) != used.uv_set {
+            self.note("textures of one material have several sets of texture coordinates: all take the first's");
         }
-        if material.alpha_mode() != AlphaMode::Opaque {
-            self.unsupported.note("alpha is left out: surfaces are opaque", name);
+        self.textures.index(self.source, &mut self.part.textures, used, data)
+    }
+
+    /// A texture that an extension names.
+    fn extension_texture(&self, extension: &Value, key: &str) -> Result<Option<TextureUse>, SceneError> {
+        let Some(info) = extension.get(key) else { return Ok(None) };
+        let used = TextureUse::of_value(info);
+        used.map(Some).ok_or_else(|| self.malformed(format!("{key}: expected an object with the index of a texture")))
+    }
+
+    /// A number of an extension, 0 where it is not there, clamped to its range.
+    fn number(
+        &self,
+        material: &gltf::Material,
+        extension: &str,
+        key: &str,
+        least: f32,
+        most: f32,
+    ) -> Result<f32, SceneError> {
+        match material.extension_value(extension).and_then(|extension| extension.get(key)) {
+            None => Ok(0.0),
+            Some(value) => match value.as_f64() {
+                Some(number) => Ok((number as f32).clamp(least, most)),
+                None => Err(self.malformed(format!("{key}: expected a number, found {value}"))),
+            },
         }
     }
 
-    fn color(&mut self, factor: Vec3, info: Option<&Info>, name: &str) -> Result<Color, SceneError> {
-        let Some(info) = info else { return Ok(Color::Constant(factor)) };
-        if info.extension_value("KHR_texture_transform").is_some() {
-            self.unsupported.note("texture transforms are left out", name);
-        }
-        let sampler = info.texture().sampler();
-        if sampler.wrap_s() == WrappingMode::MirroredRepeat || sampler.wrap_t() == WrappingMode::MirroredRepeat {
-            self.unsupported.note("mirrored textures repeat instead", name);
-        }
-        let image = info.texture().source();
-        let texture = match self.textures.get(&image.index()) {
-            Some(&texture) => texture,
-            None => {
-                let Picture { width, height, texels } = self.picture(&image, Encoding::ByFormat)?;
-                let texture = self.part.textures.len() as u32;
-                self.part.textures.push(Texture { kind: TextureKind::Image { width, height, texels } });
-                self.textures.insert(image.index(), texture);
-                texture
-            }
-        };
-        Ok(Color::Textured { texture, factor })
+    fn malformed(&self, reason: String) -> SceneError {
+        let line = super::super::picture::one_line(&reason);
+        self.source.malformed(format!("material '{}': {line}", self.name.escape_debug()))
     }
 
-    /// The mean of a data texture.
-    fn mean(&mut self, info: &Info) -> Result<Vec3, SceneError> {
-        let image = info.texture().source();
-        if let Some(&mean) = self.pictures.get(&image.index()) {
-            return Ok(mean);
-        }
-        let picture = self.picture(&image, Encoding::Linear)?;
-        let sum = picture.texels.iter().fold(glam::DVec3::ZERO, |sum, &texel| sum + Vec3::from_array(texel).as_dvec3());
-        let mean = (sum / picture.texels.len() as f64).as_vec3();
-        self.pictures.insert(image.index(), mean);
-        Ok(mean)
-    }
-
-    fn picture(&mut self, image: &gltf::Image, encoding: Encoding) -> Result<Picture, SceneError> {
-        let source = self.source;
-        let name = format!("{}: image {}", source.file, image.index());
-        let picture = match image.source() {
-            gltf::image::Source::View { view, .. } => decode(&name, source.view(&view)?, encoding)?,
-            gltf::image::Source::Uri { uri, .. } => {
-                decode(&name, &read_uri(&source.file, &source.folder, uri)?, encoding)?
-            }
-        };
-        self.texels += picture.texels.len() as u64;
-        check_limit(&source.file, "texels", MAX_TEXELS, self.texels)?;
-        Ok(picture)
+    fn note(&mut self, what: &'static str) {
+        self.unsupported.note(what, &self.name);
     }
 }
 
+const NONE: Scalar = Scalar::Constant(0.0);
+const ALL: Scalar = Scalar::Constant(1.0);
+const RED: u8 = 0;
+const GREEN: u8 = 1;
+const BLUE: u8 = 2;
+const ALPHA: u8 = 3;
+
 /// Brightest radiance that is loaded, as in scene.toml.
 const MAX_RADIANCE: f32 = 1e6;
-/// Stands for an infinite index of refraction.
-const MAX_IOR: f32 = 10.0;
+/// Of KHR_materials_ior.
+const DEFAULT_IOR: f32 = 1.5;
+/// Stands for an infinite index where only its reflectance counts: 0.996 at normal incidence.
+const MAX_IOR: f32 = 1e3;
+/// The range of indices of solids and panes, as in scene.toml.
+const MIN_SOLID_IOR: f32 = 1.0001;
+const MAX_SOLID_IOR: f32 = 10.0;
+/// An Abbe number of 5; glass has 20 and more, and the extension's models 1 at most.
+const MAX_DISPERSION: f32 = 4.0;
+/// Reflectance at normal incidence is capped at 1 anyway; of index 1.5 that takes 25.
+const MAX_SPECULAR_COLOR: f32 = 1e3;
+/// Beyond it a mapped normal lies on the horizon in any case.
+const MAX_TILT: f32 = 1e3;
+/// Many turns; beyond it the sine of an f32 means nothing.
+const MAX_TURN_RAD: f32 = 1e3;
 
 /// Beer-Lambert per metre: white light becomes `color` after `distance_m` (KHR_materials_volume).
 fn absorption(color: Vec3, distance_m: f32) -> Vec3 {

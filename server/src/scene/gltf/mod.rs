@@ -1,15 +1,17 @@
 //! glTF 2.0 (Khronos, 2021): .glb and .gltf files to a part of a scene.
 //!
 //! The crate `gltf` reads and validates the JSON; bytes are read here, because its readers trust offsets
-//! and types. Node transforms are flattened; materials become the nearest surface there is, and what gets
-//! lost on the way is said in a warning. Limits: see `untrusted`; files named by a .gltf must lie in its
+//! and types. Node transforms are flattened; what a material has and no surface here can show is said in a
+//! warning. Limits: see `untrusted`; files named by a .gltf must lie in its
 //! own folder.
 
 mod accessor;
 mod container;
+mod lights;
 mod materials;
 mod nodes;
 mod primitive;
+mod textures;
 mod unsupported;
 
 use super::untrusted::{MAX_FILE_BYTES, MAX_ITEMS, check_limit, read_file};
@@ -21,13 +23,19 @@ use std::path::Path;
 use unsupported::Unsupported;
 
 /// Extensions that a file may require. Quantised meshes cost nothing: accessors convert all number types.
-const SUPPORTED: [&str; 6] = [
+const SUPPORTED: [&str; 12] = [
+    "KHR_lights_punctual",
+    "KHR_materials_anisotropy",
+    "KHR_materials_clearcoat",
+    "KHR_materials_dispersion",
     "KHR_materials_emissive_strength",
     "KHR_materials_ior",
     "KHR_materials_specular",
     "KHR_materials_transmission",
+    "KHR_materials_unlit",
     "KHR_materials_volume",
     "KHR_mesh_quantization",
+    "KHR_texture_transform",
 ];
 
 /// An opened file: the validated document and its bytes.

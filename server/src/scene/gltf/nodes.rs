@@ -1,7 +1,8 @@
-//! The tree of nodes: transforms are multiplied down, meshes placed, cameras named.
+//! The tree of nodes: transforms are multiplied down, meshes and lights placed, cameras named.
 
 use super::super::{NamedCamera, Part, SceneError};
 use super::Source;
+use super::lights;
 use super::materials::UvSets;
 use super::primitive::triangles;
 use super::unsupported::Unsupported;
@@ -45,8 +46,10 @@ pub(super) fn read(
                 Projection::Orthographic(_) => unsupported.note("orthographic cameras are left out", &name),
             }
         }
-        if node.light().is_some() {
-            unsupported.note("punctual lights are left out", &name);
+        if let Some(light) = node.light()
+            && let Some(light) = lights::read(source, &light, &world_from_node, &name, unsupported)?
+        {
+            part.place_light(light, &DAffine3::from_translation(world_from_node.translation));
         }
         if node.extension_value("EXT_mesh_gpu_instancing").is_some() {
             unsupported.note("GPU instances are left out", &name);
@@ -83,7 +86,7 @@ fn place(
         let uv_set = uv_sets.of(material);
         let index = material.unwrap_or(uv_sets.default_material()) as u32;
         let Some(triangles) = triangles(source, &primitive, index, uv_set, &user, unsupported)? else { continue };
-        part.mesh.append(&triangles, world_from_node, &source.file, |index| index)?;
+        part.place(&triangles, world_from_node, &source.file, |index| index)?;
     }
     Ok(())
 }

@@ -25,8 +25,15 @@ pub(super) fn triangles(
     if primitive.morph_targets().len() > 0 {
         unsupported.note("morph targets are left out", user);
     }
-    if primitive.get(&Semantic::Colors(0)).is_some() {
-        unsupported.note("vertex colours are left out", user);
+    if let Some(accessor) = primitive.get(&Semantic::Colors(0)) {
+        // White ones, which exporters like to write, say nothing.
+        let is_white = match accessor.dimensions().multiplicity() {
+            3 => source.vectors::<3>(&accessor)?.iter().flatten().all(|&channel| channel == 1.0),
+            _ => source.vectors::<4>(&accessor)?.iter().flatten().all(|&channel| channel == 1.0),
+        };
+        if !is_white {
+            unsupported.note("vertex colours are left out", user);
+        }
     }
     let Some(accessor) = primitive.get(&Semantic::Positions) else {
         unsupported.note("meshes without positions are left out", user);

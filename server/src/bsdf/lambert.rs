@@ -1,5 +1,12 @@
 //! Lambert reflection: equal radiance to all sides, directions drawn by the cosine.
+//!
+//! Most surfaces of most scenes are nothing else: [`Lambert`] is what the integrator asks then, without making a
+//! whole [`super::Bsdf`].
 
+use super::lobes::{Evaluated, Scatters};
+use super::{LobeSample, Medium};
+use crate::accel::SurfacePoint;
+use crate::scene::{Scene, Surface};
 use glam::{Vec2, Vec3};
 use std::f32::consts::{FRAC_1_PI, TAU};
 
@@ -27,6 +34,61 @@ pub(crate) fn sample_cosine(normal: Vec3, u: Vec2) -> Vec3 {
 /// Density of [`sample_cosine`] over solid angle.
 pub(crate) fn pdf_cosine(normal: Vec3, direction: Vec3) -> f32 {
     normal.dot(direction).max(0.0) * FRAC_1_PI
+}
+
+/// A surface that does nothing but Lambert reflection, as one ray sees it.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Lambert {
+    albedo: Vec3,
+    /// On the side that the ray met.
+    normal: Vec3,
+    geometric_normal: Vec3,
+    medium: Medium,
+}
+
+impl Lambert {
+    /// At a point that a ray in `direction` through `medium` has met.
+    pub(crate) fn new(point: &SurfacePoint, direction: Vec3, medium: Medium, albedo: Vec3) -> Lambert {
+        let side = if direction.dot(point.geometric_normal) < 0.0 { 1.0 } else { -1.0 };
+        let (normal, geometric_normal) = (side * point.shading_normal, side * point.geometric_normal);
+        Lambert { albedo, normal, geometric_normal, medium }
+    }
+
+    /// The surface at `point`, if that is all it is.
+    pub(crate) fn at(scene: &Scene, point: &SurfacePoint, direction: Vec3, medium: Medium) -> Option<Lambert> {
+        let material = &scene.materials[point.material as usize];
+        let Surface::Diffuse { albedo } = &material.surface else { return None };
+        let is_seen = !material.one_sided || direction.dot(point.geometric_normal) < 0.0;
+        is_seen.then(|| Lambert::new(point, direction, medium, albedo.at(&scene.textures, point.uv)))
+    }
+
+    /// Whether it reflects nothing.
+    pub(crate) fn is_black(&self) -> bool {
+        self.albedo == Vec3::ZERO
+    }
+}
+
+impl Scatters for Lambert {
+    fn evaluate(&self, towards: Vec3) -> Evaluated {
+        let pdf = pdf_cosine(self.normal, towards);
+        let is_above = towards.dot(self.geometric_normal) > 0.0;
+        Evaluated { value: if is_above { self.albedo * pdf } else { Vec3::ZERO }, pdf }
+    }
+
+    fn sample(&self, _choice: f32, u: Vec2) -> Option<LobeSample> {
+        let direction = sample_cosine(self.normal, u);
+        let pdf = pdf_cosine(self.normal, direction);
+        let is_above = direction.dot(self.geometric_normal) > 0.0 && pdf > 0.0;
+        is_above.then_some(LobeSample { direction, weight: self.albedo, pdf, medium: self.medium, eta2: 1.0 })
+    }
+
+    fn is_glossy(&self) -> bool {
+        false
+    }
+
+    fn medium_towards(&self, _towards: Vec3) -> Medium {
+        self.medium
+    }
 }
 
 #[cfg(test)]

@@ -1,0 +1,271 @@
+//! A head that rests sees the unbiased picture: radiance per pixel, summed over the frames of one view.
+//!
+//! Part of live frames. The cache gives a smooth picture at once, with a blur of some pixels that never goes
+//! away. As long as pose, camera, plan, depth and scene stay what they are, every node pixel also keeps the sums
+//! of path samples of its whole radiance, none of which ends in the cache, so that their mean is the path tracer's.
+//! What is shown goes from the one to the other.
+//!
+//! Method: for tiles of 8x8 pixels the squared bias of the cache is estimated as the squared difference between
+//! the two less the variance of the mean, which is pooled over the tile. The weight of the mean is the linear
+//! estimator's of least squared error, `w = b^2 / (b^2 + v/n)` with both between the centres of tiles, and at
+//! least `n / FULL_SAMPLES`: noise of at most one part in [`FULL_SAMPLES`] of a sample's variance is the price for
+//! being unbiased in the end. So nothing jumps, tiles whose cache is right stay smooth, and sharp shadows appear
+//! first. All pixels progress evenly, and the samples of a pixel follow one low-discrepancy sequence.
+//!
+//! Limits: a view counts as the same within [`TOLERANCE_PX`] of the first, for things not nearer than [`NEAREST_M`];
+//! what is kept is a mean over such views. `max_depth` holds for these paths, as it does for stills. Cost: 32 bytes per
+//! node and pixel, and about the time of one more pass over the picture.
+
+use super::{BAND_ROWS, FrameRequest, SceneVersion};
+use crate::cache::luminance;
+use glam::{DVec3, Vec3};
+use rayon::prelude::*;
+use warplight_protocol::frame::TreeRows;
+
+/// Views that differ by less count as one: a hundredth of the blur that is to be removed.
+const TOLERANCE_PX: f64 = 0.02;
+/// A head that moves aside moves things at this distance by up to [`TOLERANCE_PX`].
+const NEAREST_M: f64 = 0.3;
+/// Samples from which on a pixel shows nothing but their mean. Fewer leave noise where the cache was better, more
+/// leave the cache's blur where its size could not be told from noise.
+pub(super) const FULL_SAMPLES: f32 = 256.0;
+/// Rows and columns of a tile.
+const TILE: usize = 8;
+/// Samples beyond the first of each pixel that a tile needs before its variance means anything.
+const MIN_FREEDOM: f32 = 128.0;
+/// Variance relative to the squared mean that is expected before samples say more, and how many samples that is worth,
+/// as in the cache: few samples miss the rare bright ones.
+const GUESSED_VARIANCE: f32 = 0.7;
+const GUESS_SAMPLES: f32 = 64.0;
+/// Part by which the variance of the mean may be underestimated: a tile has some dozens of samples of a long-tailed
+/// distribution. Less shows noise early, more shows shadows late.
+const DOUBT: f32 = 0.5;
+
+/// Sums of a pixel of a node.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct PixelSum {
+    radiance: DVec3,
+    /// Mean squared luminance.
+    square: f32,
+    pub(super) samples: u32,
+}
+
+/// What a tile of a node knows of the two estimates.
+#[derive(Clone, Copy, Debug, Default)]
+struct Tile {
+    /// Squared difference of the cache from the truth, in luminance.
+    bias2: f32,
+    /// Variance of one sample.
+    variance: f32,
+}
+
+/// The view that rests.
+#[derive(Clone, Debug)]
+struct Anchor {
+    request: FrameRequest,
+    version: SceneVersion,
+}
+
+/// Sums over the frames of a view that does not change.
+#[derive(Debug, Default)]
+pub(super) struct Rest {
+    anchor: Option<Anchor>,
+    /// By band, node and pixel of the band.
+    sums: Vec<PixelSum>,
+    tiles: Vec<Tile>,
+    columns: usize,
+    nodes: usize,
+    /// Samples that a pixel has by now, up to one.
+    progress: f64,
+}
+
+/// What a resting frame does for a band.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Step {
+    /// Samples per pixel before this frame, and after it.
+    pub(super) before: f64,
+    pub(super) after: f64,
+    /// Of the whole rest, so that a pixel's samples are of one sequence.
+    pub(super) seed: u64,
+}
+
+impl Rest {
+    /// Whether this frame shows what the last one did, in the same state of the scene. Otherwise the rest begins
+    /// anew with this view.
+    pub(super) fn continues(&mut self, request: &FrameRequest, version: SceneVersion) -> bool {
+        let same = self
+            .anchor
+            .as_ref()
+            .is_some_and(|anchor| anchor.version.shows_what(&version) && is_same(&anchor.request, request));
+        if !same {
+            self.anchor = Some(Anchor { request: request.clone(), version });
+            self.progress = 0.0;
+        }
+        same
+    }
+
+    /// Begins a resting frame that adds so many samples per pixel.
+    pub(super) fn step(&mut self, request: &FrameRequest, samples_per_pixel: f64) -> Step {
+        let size = request.camera.size;
+        self.columns = size.width as usize;
+        self.nodes = request.plan.nodes().len();
+        let bands = size.height.div_ceil(BAND_ROWS) as usize;
+        if self.progress == 0.0 {
+            self.sums.clear();
+            self.sums.resize(bands * self.sums_per_band(), PixelSum::default());
+        }
+        self.tiles.resize(bands * self.tiles_per_band(), Tile::default());
+        let before = self.progress;
+        self.progress += samples_per_pixel.max(1e-6);
+        let seed = self.anchor.as_ref().map_or(0, |anchor| anchor.request.seed);
+        Step { before, after: self.progress, seed }
+    }
+
+    /// Sums of each band, in order.
+    pub(super) fn bands_mut(&mut self) -> impl IndexedParallelIterator<Item = &mut [PixelSum]> {
+        let per_band = self.sums_per_band();
+        self.sums.par_chunks_mut(per_band)
+    }
+
+    /// Where a node's pixel of a band has its sum.
+    pub(super) fn place(node: usize, offset: usize, columns: usize) -> usize {
+        node * BAND_ROWS as usize * columns + offset
+    }
+
+    /// Samples that each pixel has by now, up to one.
+    #[cfg(test)]
+    pub(super) fn progress(&self) -> f64 {
+        self.progress
+    }
+
+    /// Whether the cache is no longer shown anywhere.
+    pub(super) fn is_full(&self) -> bool {
+        self.progress >= f64::from(FULL_SAMPLES) + 1.0
+    }
+
+    /// Mixes the means into the rows, which hold the picture of the cache.
+    pub(super) fn mix(&mut self, rows: &mut [TreeRows<'_>]) {
+        let (sums_per_band, tiles_per_band) = (self.sums_per_band(), self.tiles_per_band());
+        let Rest { sums, tiles, columns, nodes, .. } = self;
+        let (columns, nodes) = (*columns, *nodes);
+        let across = columns.div_ceil(TILE);
+        let sums_of = sums.par_chunks(sums_per_band);
+        tiles.par_chunks_mut(tiles_per_band).zip(sums_of).zip(&*rows).for_each(|((tiles, sums), rows)| {
+            for (index, tile) in tiles.iter_mut().enumerate() {
+                let (node, row, column) = (index / across / TILE_ROWS, index / across % TILE_ROWS, index % across);
+                *tile = Tile::of(rows, sums, node, columns, (row * TILE, column * TILE));
+            }
+        });
+        let tiles = &*tiles;
+        let sums_of = sums.par_chunks(sums_per_band);
+        rows.par_iter_mut().zip(sums_of).enumerate().for_each(|(band, (rows, sums))| {
+            let bands = tiles.len() / tiles_per_band;
+            let tile_at = |node: usize, row: usize, column: usize| {
+                let row = row.min(bands * TILE_ROWS - 1);
+                tiles[row / TILE_ROWS * tiles_per_band + (node * TILE_ROWS + row % TILE_ROWS) * across + column]
+            };
+            for node in 0..nodes {
+                for offset in 0..rows.nodes[node].distance.len() {
+                    let sum = &sums[Rest::place(node, offset, columns)];
+                    if sum.samples == 0 {
+                        continue;
+                    }
+                    // Between the centres of four tiles.
+                    let (row, column) = (band * BAND_ROWS as usize + offset / columns, offset % columns);
+                    let between = |index: usize, count: usize| {
+                        let position = ((index as f32 + 0.5) / TILE as f32 - 0.5).clamp(0.0, (count - 1) as f32);
+                        (position as usize, (position as usize + 1).min(count - 1), position.fract())
+                    };
+                    let (top, bottom, down) = between(row, bands * TILE_ROWS);
+                    let (left, right, along) = between(column, across);
+                    let upper = tile_at(node, top, left).mixed(&tile_at(node, top, right), along);
+                    let lower = tile_at(node, bottom, left).mixed(&tile_at(node, bottom, right), along);
+                    let weight = upper.mixed(&lower, down).weight_of(sum.samples as f32);
+                    for (channel, mean) in rows.nodes[node].radiance.iter_mut().zip(sum.mean().to_array()) {
+                        channel[offset] += weight * (mean - channel[offset]);
+                    }
+                }
+            }
+        });
+    }
+
+    fn sums_per_band(&self) -> usize {
+        self.nodes * BAND_ROWS as usize * self.columns
+    }
+
+    fn tiles_per_band(&self) -> usize {
+        self.nodes * TILE_ROWS * self.columns.div_ceil(TILE)
+    }
+}
+
+/// Rows of tiles in a band.
+const TILE_ROWS: usize = BAND_ROWS as usize / TILE;
+
+impl PixelSum {
+    /// Adds a sample.
+    pub(super) fn add(&mut self, radiance: Vec3) {
+        self.samples += 1;
+        self.radiance += radiance.as_dvec3();
+        let luminance = luminance(radiance);
+        self.square += (luminance * luminance - self.square) / self.samples as f32;
+    }
+
+    fn mean(&self) -> Vec3 {
+        (self.radiance / f64::from(self.samples.max(1))).as_vec3()
+    }
+}
+
+impl Tile {
+    fn of(rows: &TreeRows<'_>, sums: &[PixelSum], node: usize, columns: usize, (top, left): (usize, usize)) -> Tile {
+        let height = rows.rows.len();
+        let radiance = &rows.nodes[node].radiance;
+        let (mut freedom, mut squares) = (0.0, 0.0);
+        let (mut pixels, mut difference2, mut inverse, mut shown2) = (0.0, 0.0, 0.0, 0.0);
+        for row in top..(top + TILE).min(height) {
+            for column in left..(left + TILE).min(columns) {
+                let offset = row * columns + column;
+                let sum = &sums[Rest::place(node, offset, columns)];
+                if sum.samples == 0 {
+                    continue;
+                }
+                let samples = sum.samples as f32;
+                let mean = luminance(sum.mean());
+                let shown = luminance(Vec3::from_array([0, 1, 2].map(|channel: usize| radiance[channel][offset])));
+                freedom += samples - 1.0;
+                squares += samples * (sum.square - mean * mean).max(0.0);
+                pixels += 1.0;
+                shown2 += shown * shown;
+                difference2 += (mean - shown) * (mean - shown);
+                inverse += 1.0 / samples;
+            }
+        }
+        if freedom < MIN_FREEDOM {
+            return Tile { bias2: 0.0, variance: 0.0 };
+        }
+        let guess = GUESSED_VARIANCE * shown2 / pixels;
+        let variance = (squares + GUESS_SAMPLES * guess) / (freedom + GUESS_SAMPLES);
+        Tile { bias2: ((difference2 - (1.0 + DOUBT) * variance * inverse) / pixels).max(0.0), variance }
+    }
+
+    fn mixed(&self, other: &Tile, t: f32) -> Tile {
+        let mix = |a: f32, b: f32| a + t * (b - a);
+        Tile { bias2: mix(self.bias2, other.bias2), variance: mix(self.variance, other.variance) }
+    }
+
+    /// Weight of a mean of so many samples.
+    fn weight_of(&self, samples: f32) -> f32 {
+        let noise = self.variance / samples;
+        let by_error = if self.bias2 > 0.0 { self.bias2 / (self.bias2 + noise) } else { 0.0 };
+        by_error.max(samples / FULL_SAMPLES).min(1.0)
+    }
+}
+
+/// Whether two frames show the same, as far as [`TOLERANCE_PX`] tells.
+fn is_same(a: &FrameRequest, b: &FrameRequest) -> bool {
+    let tolerance_rad = TOLERANCE_PX / f64::from(a.camera.focal_px().max_element());
+    a.camera == b.camera
+        && a.plan == b.plan
+        && a.max_depth == b.max_depth
+        && a.render_pose.angle_to(&b.render_pose) <= tolerance_rad
+        && (a.render_pose.position - b.render_pose.position).length() <= tolerance_rad * NEAREST_M
+}
