@@ -30,7 +30,7 @@ from pathlib import Path
 import numpy as np
 
 SIDE, SPP, DEPTH = 512, 16, 6
-REFERENCE_SPP = 2048
+REFERENCE_SPP = 1024
 
 
 def bumpy_sphere(path: Path, rows: int = 150, columns: int = 234) -> None:

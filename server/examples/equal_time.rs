@@ -96,6 +96,27 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
+/// Median time of a moving frame with the filter of glossy light, and of the same frame without it. Both in turn, so
+/// that whatever else the machine does falls on both.
+fn filter_ms(renderer: &FrameRenderer, tree: &mut Tree, request: impl Fn(u32) -> FrameRequest) -> (f64, f64) {
+    let mut live = [LiveFrames::new(CacheSettings::default()), LiveFrames::without_denoiser(CacheSettings::default())];
+    let mut times: [Vec<f64>; 2] = Default::default();
+    for frame in 0..=FRAMES {
+        let request = request(frame);
+        let samples = 0.125 * request.camera.size.pixels() as f64;
+        for (live, times) in live.iter_mut().zip(&mut times) {
+            let start = Instant::now();
+            renderer.render_live(&request, samples, live, tree, &Counters::default(), &|_| ());
+            times.push(start.elapsed().as_secs_f64() * 1e3);
+        }
+    }
+    let [with, without] = times.map(|mut times| {
+        times.sort_by(f64::total_cmp);
+        times[times.len() / 2]
+    });
+    (with, without)
+}
+
 /// A row of the table.
 fn compare(name: &str, side: u32, budget_ms: u32, reference_spp: u32, folder: &Path) -> Result<String, Box<dyn Error>> {
     let file = |name: String| folder.join(name);
@@ -167,6 +188,12 @@ fn compare(name: &str, side: u32, budget_ms: u32, reference_spp: u32, folder: &P
         // Never fewer than the server traces.
         samples = (samples * (f64::from(budget_ms) / ms).clamp(0.5, 1.5)).max(camera.size.pixels() as f64 / 64.0);
     }
+    let (with_ms, without_ms) = filter_ms(&renderer, &mut tree, |frame| request(frame, 1, u64::from(frame)));
+    println!(
+        "frames with the filter of glossy light take {with_ms:.1} ms, without {without_ms:.1} ms: {:.1} ms, {:.1} percent",
+        with_ms - without_ms,
+        100.0 * (with_ms - without_ms) / with_ms
+    );
     Ok(format!(
         "| {name} | {spp} | {plain_error:.4} | {moving:.5} | {:.0} | {bias:+.4} | {resting:.5} |\n",
         plain_error / moving

@@ -14,6 +14,7 @@
 //! over the whole chain from the root; never by Fresnel, which the client applies for the pose it shows.
 
 mod cached;
+mod glossy;
 mod rest;
 mod sentinels;
 
@@ -431,6 +432,7 @@ impl Link {
 const MIN_WEIGHT: f32 = 1e-3;
 
 /// The eye of a picture, in the tracer's precision.
+#[derive(Clone, Copy, Debug)]
 pub(crate) struct Eye {
     position: Vec3,
     world_from_view: Mat3,

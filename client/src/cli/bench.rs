@@ -1,7 +1,7 @@
 //! `bench`: what each stage of the client costs, on frames made here.
 
-use super::Failure;
-use crate::warp::{Mode, Warper};
+use super::{Failure, bench_frames};
+use crate::warp::{Mode, Solver, Stage, Warper};
 use anyhow::Context;
 use clap::Args;
 use image::RgbImage;
@@ -33,6 +33,10 @@ pub(super) struct BenchArgs {
     /// Samples per pixel of the frame: its noise is what colour costs.
     #[arg(long, default_value_t = 4, value_parser = clap::value_parser!(u32).range(1..=4096))]
     spp: u32,
+    /// How mode `specular` searches what boundaries show: frozen-distance, gauss-newton[:STEPS], descent[:STEPS] or
+    /// unfolded.
+    #[arg(long, default_value = "frozen-distance", value_name = "SOLVER")]
+    solver: Solver,
     /// Print one JSON document.
     #[arg(long)]
     json: bool,
@@ -57,6 +61,7 @@ struct Row {
 /// A size, and how often to measure.
 struct Bench {
     camera: Camera,
+    solver: Solver,
     runs: u32,
     rows: Vec<Row>,
 }
@@ -93,7 +98,7 @@ impl Bench {
 pub(super) fn run(arguments: &BenchArgs) -> Result<(), Failure> {
     let scene = Scene::load(&arguments.scene)?;
     let camera = Camera::symmetric(80_f32.to_radians(), arguments.size);
-    let mut bench = Bench { camera, runs: arguments.runs, rows: Vec::new() };
+    let mut bench = Bench { camera, solver: arguments.solver, runs: arguments.runs, rows: Vec::new() };
     let frame = render(&scene, camera, arguments.spp);
     codec(&mut bench, &scene, &frame)?;
     warps(&mut bench, &scene, &frame);
@@ -197,13 +202,26 @@ fn warps(bench: &mut Bench, scene: &Scene, frame: &Tree) {
         "surface {}",
         (0..frame.plan.nodes().len()).map(|node| frame.plan.letters(node)).collect::<Vec<_>>().join(" ")
     );
+    warp_stages(bench, &case, frame, &display_pose, scene.exposure);
+    for (name, frame) in bench_frames::all(bench.camera) {
+        let case = format!("analytic {name}");
+        warp_stages(bench, &case, &frame, &bench_frames::moved(&frame.render_pose), 1.0);
+    }
+}
+
+fn warp_stages(bench: &mut Bench, case: &str, frame: &Tree, display_pose: &Pose, exposure: f32) {
     let mut warper = Warper::default();
-    bench.time(&case, "prepare", None, || warper.prepare(frame));
+    warper.set_solver(bench.solver);
     let camera = bench.camera;
-    let mut picture = RgbImage::default();
+    let mut picture = RgbImage::new(camera.size.width, camera.size.height);
     for mode in Mode::ALL {
-        bench.time(&case, mode.name(), None, || {
-            warper.show(mode, &display_pose, &camera, scene.exposure, &mut picture);
+        bench.time(case, &format!("{}: prepare", mode.name()), None, || warper.prepare(mode, frame));
+        bench.time(case, mode.name(), None, || {
+            warper.show(mode, frame, display_pose, &camera, exposure, &mut picture);
         });
+    }
+    for stage in Stage::ALL {
+        let name = format!("specular: {}", stage.name());
+        bench.time(case, &name, None, || warper.run(stage, display_pose, &camera, exposure, &mut picture));
     }
 }

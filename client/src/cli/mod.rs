@@ -3,6 +3,7 @@
 //! Exit status 0; 2 for bad arguments or input, with one line that says which; 1 for a failure at run time.
 
 mod bench;
+mod bench_frames;
 mod replay;
 
 use crate::replay::ReplayError;

@@ -59,7 +59,7 @@ pub(super) struct ReplayArgs {
     #[arg(long, value_name = "F.tum")]
     trace: Option<PathBuf>,
     /// How a frame is brought to the pose of the display.
-    #[arg(long, default_value = Mode::Diffuse.name(), value_parser = modes())]
+    #[arg(long, default_value = Mode::Specular.name(), value_parser = modes())]
     mode: Mode,
     /// Which clock runs.
     #[arg(long, value_enum, default_value_t = Clock::Real)]

@@ -51,13 +51,14 @@ pub fn assess(
     let total = (recording.captures.len() * Mode::ALL.len()) as u64;
     for capture in &recording.captures {
         let Some(reference) = &capture.reference else { continue };
-        warper.prepare(&capture.frame.tree);
         let mut modes = Vec::new();
         for mode in Mode::ALL {
             progress(Progress::Comparing((run.refreshes.len() * Mode::ALL.len() + modes.len()) as u64, total));
             let mut picture = RgbImage::default();
             let exposure = capture.frame.begin.shape.exposure;
-            let statistics = warper.show(mode, &capture.display_pose, camera, exposure, &mut picture);
+            let tree = &capture.frame.tree;
+            warper.prepare(mode, tree);
+            let statistics = warper.show(mode, tree, &capture.display_pose, camera, exposure, &mut picture);
             let compared = compare(reference, &picture, None)?;
             modes.push(Assessment { mode, picture, statistics, compared });
         }

@@ -136,10 +136,11 @@ impl Player<'_> {
             }
             self.connection.tell(Command::Pose(PoseSample { time: sampled, pose: display_pose }));
             if prepared != Some(frame.begin.id) {
-                warper.prepare(&frame.tree);
+                warper.prepare(self.plan.mode, &frame.tree);
                 prepared = Some(frame.begin.id);
             }
-            warper.show(self.plan.mode, &display_pose, &self.plan.camera, frame.begin.shape.exposure, &mut picture);
+            let exposure = frame.begin.shape.exposure;
+            warper.show(self.plan.mode, &frame.tree, &display_pose, &self.plan.camera, exposure, &mut picture);
             let warped = self.connection.now();
             let frame = frame.clone();
             self.record(number, &frame, sampled, warped, refresh);

@@ -26,6 +26,12 @@ impl Reprojection {
         }
     }
 
+    /// The columns of the homography and the parallax.
+    pub(super) fn parts(&self) -> ([Vec3; 3], Vec3) {
+        let Mat3 { x_axis, y_axis, z_axis } = self.homography;
+        ([x_axis, y_axis, z_axis], self.parallax)
+    }
+
     /// The new pixel in homogeneous form. Its third component is the new depth for every unit of the old one.
     #[inline(always)]
     pub(super) fn homogeneous(&self, pixel: Vec2, inverse_depth: f32) -> Vec3 {
@@ -43,7 +49,7 @@ impl Reprojection {
 }
 
 /// Rays, scaled to z = -1, by homogeneous pixels.
-fn view_from_pixel(camera: &Camera) -> Mat3 {
+pub(super) fn view_from_pixel(camera: &Camera) -> Mat3 {
     let (focal, centre) = (camera.focal_px(), camera.centre_px());
     Mat3::from_cols(
         Vec3::new(1.0 / focal.x, 0.0, 0.0),

@@ -5,6 +5,7 @@
 //! mean reflectance (none without compensation), and as much for each value.
 
 use super::energy::{Albedo, Multiple};
+use super::gloss::Gloss;
 use super::lobes::{Evaluated, Lobes};
 use super::microfacet::{Facets, reflect_about};
 use crate::scene::Finish;
@@ -18,9 +19,9 @@ pub(crate) struct RoughConductor {
     interface: Interface,
     filter: Vec3,
     multiple: Option<Multiple>,
-    /// About what each lobe sends on, by which it is chosen.
-    single_weight: f32,
-    multiple_weight: f32,
+    /// About what each lobe sends on, by whose largest part it is chosen.
+    single_albedo: Vec3,
+    multiple_albedo: Vec3,
 }
 
 impl RoughConductor {
@@ -32,14 +33,28 @@ impl RoughConductor {
             interface,
             filter,
             multiple,
-            single_weight: (interface.reflectance(mu) * filter).max_element() * albedo.white(mu),
-            multiple_weight: multiple.map_or(0.0, |multiple| (multiple.albedo() * filter).max_element()),
+            single_albedo: interface.reflectance(mu) * filter * albedo.white(mu),
+            multiple_albedo: multiple.map_or(Vec3::ZERO, |multiple| multiple.albedo() * filter),
         }
     }
 
     fn weights(&self, lobes: Lobes) -> [f32; 2] {
         let count = |lobe, weight| if lobes.have(lobe) { weight } else { 0.0 };
-        [count(Lobes::REFLECTED, self.single_weight), count(Lobes::BROAD, self.multiple_weight)]
+        [
+            count(Lobes::REFLECTED, self.single_albedo.max_element()),
+            count(Lobes::BROAD, self.multiple_albedo.max_element()),
+        ]
+    }
+
+    pub(crate) fn gloss(&self, lobes: Lobes) -> Gloss {
+        let mut gloss = Gloss::NONE;
+        if lobes.have(Lobes::REFLECTED) {
+            gloss.add(self.single_albedo, self.facets.alpha.min_element());
+        }
+        if lobes.have(Lobes::BROAD) {
+            gloss.add(self.multiple_albedo, 1.0);
+        }
+        gloss
     }
 
     pub(crate) fn albedo(&self, lobes: Lobes) -> f32 {

@@ -10,6 +10,7 @@
 //! whatever arrives; reciprocity is not, by the ratio of the two directions' albedos, which matters to nobody
 //! who follows light from the eye alone.
 
+use super::gloss::Gloss;
 use super::lobes::{Evaluated, Lobes};
 use super::microfacet::{Facets, reflect_about};
 use super::transmission::dielectric_albedo;
@@ -50,6 +51,20 @@ impl RoughDielectric {
         let refracted =
             if lobes.have(Lobes::REFRACTED) { (1.0 - self.reflectance) * self.filter.max_element() } else { 0.0 };
         reflected + refracted
+    }
+
+    pub(crate) fn gloss(&self, lobes: Lobes) -> Gloss {
+        let mut gloss = Gloss::NONE;
+        let alpha = self.facets.alpha.min_element();
+        if lobes.have(Lobes::REFLECTED) {
+            gloss.add(Vec3::splat(self.reflectance), alpha);
+        }
+        if lobes.have(Lobes::REFRACTED) {
+            // A mirror turns a ray by twice what it is tilted by.
+            let bend = 0.5 * (1.0 - 1.0 / self.eta).abs().min(1.0);
+            gloss.add((1.0 - self.reflectance) * self.filter, alpha * bend);
+        }
+        gloss
     }
 
     /// Probability that a facet reflects: its Fresnel term, unless one lobe alone counts.

@@ -10,8 +10,8 @@
 //!
 //! One file for each behaviour: [`lambert`], [`boundary`] (all that is smooth), [`conductor`], [`dielectric`],
 //! [`thin`] (panes), [`standard`] (glTF's metal and plastic); below them the facets of rough surfaces
-//! ([`microfacet`]), what a finish says of them at a point ([`roughness`]), and the energy that they lose
-//! ([`energy`], [`transmission`]).
+//! ([`microfacet`]), what a finish says of them at a point ([`roughness`]), the energy that they lose
+//! ([`energy`], [`transmission`]), and what a filter needs to know of them ([`gloss`]).
 //!
 //! Cost: one is made at every surface that a path meets. A Lambert surface is done after its albedo; the
 //! others pay for their own lobes only.
@@ -21,6 +21,7 @@ mod conductor;
 mod dielectric;
 mod energy;
 mod erf;
+mod gloss;
 mod lambert;
 mod lobes;
 mod microfacet;
@@ -32,6 +33,7 @@ mod thin;
 mod transmission;
 
 pub(crate) use boundary::{Boundary, Medium, interface_of};
+pub(crate) use gloss::Gloss;
 #[cfg(test)]
 pub(crate) use lambert::pdf_cosine;
 pub(crate) use lambert::{Lambert, sample_cosine, tangents};

@@ -19,6 +19,7 @@
 //! Where a layer's alpha is 0 it is no lobe but part of a sharp boundary; the lobes below it stay.
 
 use super::energy::{Albedo, Multiple, Schlick};
+use super::gloss::Gloss;
 use super::lobes::{Evaluated, Lobes};
 use super::microfacet::{Facets, reflect_about};
 use super::roughness::{is_narrow, is_rough};
@@ -227,6 +228,28 @@ impl Layers {
 
     pub(crate) fn albedo(&self, lobes: Lobes) -> f32 {
         self.weights(lobes).iter().sum()
+    }
+
+    pub(crate) fn gloss(&self, lobes: Lobes) -> Gloss {
+        let [coat, base, multiple, through] = self.weights(lobes);
+        let mut gloss = Gloss::NONE;
+        if let Some(facets) = self.coat.and_then(|coat| coat.facets) {
+            gloss.add(Vec3::splat(coat), facets.alpha.min_element());
+        }
+        if let Some(facets) = self.facets {
+            let alpha = facets.alpha.min_element();
+            if base > 0.0 {
+                gloss.add(self.uncoated * self.mixture.albedo(self.albedo.at(self.mu)), alpha);
+            }
+            if multiple > 0.0 {
+                let of_multiple = self.multiple.map_or(Vec3::ZERO, |(metallic, lobe)| metallic * lobe.albedo());
+                gloss.add(self.uncoated * of_multiple, 1.0);
+            }
+            if through > 0.0 {
+                gloss.add(self.uncoated * self.transmitted, alpha);
+            }
+        }
+        gloss
     }
 
     pub(crate) fn evaluate(&self, wo: Vec3, wi: Vec3, lobes: Lobes) -> Evaluated {

@@ -7,6 +7,7 @@
 //! in [`super::dielectric`].
 
 use super::energy::Albedo;
+use super::gloss::Gloss;
 use super::lobes::{Evaluated, Lobes};
 use super::microfacet::{Facets, reflect_about};
 use crate::scene::Finish;
@@ -39,6 +40,18 @@ impl RoughPane {
         let through =
             if lobes.have(Lobes::REFRACTED) { (1.0 - self.reflectance) * self.filter.max_element() } else { 0.0 };
         reflected + through
+    }
+
+    pub(crate) fn gloss(&self, lobes: Lobes) -> Gloss {
+        let mut gloss = Gloss::NONE;
+        let alpha = self.facets.alpha.min_element();
+        if lobes.have(Lobes::REFLECTED) {
+            gloss.add(Vec3::splat(self.reflectance), alpha);
+        }
+        if lobes.have(Lobes::REFRACTED) {
+            gloss.add((1.0 - self.reflectance) * self.filter, alpha);
+        }
+        gloss
     }
 
     /// Probability that a facet reflects: by the pane's reflectance, unless one lobe alone counts.

@@ -13,7 +13,8 @@
 //! a view that rests the paths of step 2 are those of the pixels themselves, and what they find is mixed into the
 //! picture after step 4 ([`super::rest`]).
 //!
-//! Limits: of the glossy lobes of a rough surface one ray is drawn per frame: they are noisy until the view rests.
+//! Of the glossy lobes of a rough surface one ray is drawn per frame; what it finds is kept apart and made smooth over
+//! neighbours and frames ([`super::glossy`]).
 //!
 //! All that is decided in a frame is decided from the cache before it, and samples are added in the order of
 //! the image, so a frame is a function of the scene and of the requests so far, not of the threads.
@@ -21,10 +22,11 @@
 //! Cost (gallery, 512x512, DRFF, one core of an EPYC at about 1 Mray/s of paths): geometry 140 ms, light 80 ms,
 //! samples 1.5 us each; measured by `cargo run --release -p warplight-server --example equal_time`.
 
+use super::glossy::{Glossy, GlossyPoint};
 use super::rest::{PixelSum, Rest, Step};
 use super::sentinels::Sentinel;
 use super::{BAND_ROWS, Chain, Eye, FrameRenderer, FrameRequest, PixelOfBand, SceneVersion, tiled};
-use crate::bsdf::{Bsdf, Lobes};
+use crate::bsdf::{Bsdf, Gloss, Lobes};
 use crate::cache::{CacheSettings, Changes, Comparison, Deposits, IrradianceCache, LastLookup, Place, Stencils};
 use crate::counters::{Counters, RayCounts};
 use crate::integrator::sampler::Sampler;
@@ -57,6 +59,8 @@ pub(super) struct Shaded {
     /// Pixel within the band.
     offset: u32,
     node: u8,
+    /// Whether it is seen by way of a rough lobe.
+    glossy: bool,
     /// Wish for samples, relative to others.
     need: f32,
 }
@@ -67,6 +71,8 @@ struct Band {
     shaded: Vec<Shaded>,
     /// Node pixels with a surface, each with its first entry in `shaded`; only of a view that rests.
     surfaces: Vec<Surface>,
+    /// What is seen by way of rough lobes, in the order of `shaded`.
+    glossy: Vec<GlossyPoint>,
     branches: Vec<Branch>,
     need: f64,
     sentinels: Vec<Sentinel>,
@@ -91,6 +97,9 @@ pub struct LiveFrames {
     cache: IrradianceCache,
     bands: Vec<Band>,
     rest: Rest,
+    glossy: Glossy,
+    /// Whether the light of rough lobes is made smooth.
+    denoises: bool,
     changes: Changes,
     /// Whose light the cache holds.
     version: Option<SceneVersion>,
@@ -104,6 +113,15 @@ struct Branch {
     path_m: f32,
     evaluated: Events,
     arrival: Arrival,
+    /// Whether a rough lobe lies before it.
+    glossy: bool,
+}
+
+/// What a node pixel shows without the cache.
+struct Collected {
+    radiance: Vec3,
+    /// What is seen by way of rough lobes, where there are any.
+    glossy: Option<GlossyPoint>,
 }
 
 impl LiveFrames {
@@ -113,9 +131,33 @@ impl LiveFrames {
             cache: IrradianceCache::new(settings),
             bands: Vec::new(),
             rest: Rest::default(),
+            glossy: Glossy::default(),
+            denoises: true,
             changes: Changes::default(),
             version: None,
         }
+    }
+
+    /// The same with the light of rough lobes as it is sampled: what is measured against.
+    pub fn without_denoiser(settings: CacheSettings) -> LiveFrames {
+        LiveFrames { denoises: false, ..LiveFrames::new(settings) }
+    }
+
+    /// What makes the light of rough lobes smooth.
+    #[cfg(test)]
+    pub(super) fn glossy(&self) -> &Glossy {
+        &self.glossy
+    }
+
+    /// Pixels whose root shows a rough lobe.
+    #[cfg(test)]
+    pub(super) fn rough_pixels(&self, columns: usize) -> Vec<usize> {
+        let bands = self.bands.iter().enumerate();
+        let pixels = bands.flat_map(|(band, Band { glossy, .. })| {
+            let first = band * BAND_ROWS as usize * columns;
+            glossy.iter().filter(|point| point.node == 0).map(move |point| first + point.offset as usize)
+        });
+        pixels.collect()
     }
 
     /// Bytes of the cache.
@@ -138,20 +180,22 @@ impl FrameRenderer {
     ) {
         if live.version.is_none_or(|version| version.scene != self.version.scene) {
             live.cache.clear();
+            live.glossy.forget();
         }
         let before = live.version.replace(self.version);
         tree.reset(request.render_pose, request.camera, &request.plan, &self.interfaces);
         let eye = Eye::new(self.scene(), &request.render_pose, request.camera);
         let cell_per_m = CELL_PX / request.camera.focal_px().min_element();
         let rests = live.rest.continues(request, self.version);
-        let LiveFrames { cache, bands, rest, changes, .. } = live;
+        let LiveFrames { cache, bands, rest, glossy, denoises, changes, .. } = live;
         let mut rows = tree.bands_mut(BAND_ROWS);
         bands.resize_with(rows.len(), Band::default);
 
         bands.par_iter_mut().for_each(|band| band.counts = RayCounts::default());
 
         // Light that has changed since the last frame is forgotten.
-        if let Some(before) = before.filter(|before| before.has_moved_to(&self.version)) {
+        let moved = before.filter(|before| before.has_moved_to(&self.version));
+        if let Some(before) = moved {
             bands.par_iter_mut().for_each(|band| {
                 let Band { sentinels, comparisons, counts, .. } = band;
                 self.compare_sentinels(request, cache, cell_per_m, sentinels, comparisons, counts);
@@ -196,16 +240,39 @@ impl FrameRenderer {
             counters.add(&band.counts);
             on_band(rows);
         };
+        let is_full = rests && rest.is_full();
+        let is_glossy = bands.iter().any(|band| !band.glossy.is_empty());
         rows.par_iter_mut().zip(&mut *bands).for_each(|(rows, band)| {
-            if !(rests && rest.is_full()) {
+            if !is_full {
                 band.light(cache, cell_per_m, rows);
             }
-            if !rests {
+            if !rests && !is_glossy {
                 finish(rows, band);
             }
         });
+        if !is_glossy {
+            glossy.forget();
+        } else if !is_full {
+            let points = bands.iter().map(|band| band.glossy.as_slice());
+            if *denoises {
+                glossy.begin(&eye, request.camera.size, request.plan.nodes().len());
+                points.clone().enumerate().for_each(|(band, points)| glossy.add_band(band, points));
+                let kept = |position, path_m: f32, frames| {
+                    let fade = changes.fade_at(position, path_m * cell_per_m);
+                    fade.map_or(frames, |fade| fade.of(frames))
+                };
+                let has_changed = moved.is_some() && changes.any();
+                glossy.filter(if has_changed { Some(&kept) } else { None });
+                glossy.show(&mut rows, points);
+            } else {
+                let sampled = rows.iter_mut().zip(points);
+                sampled.for_each(|(rows, points)| points.iter().for_each(|point| point.add_to(rows, point.radiance)));
+            }
+        }
         if rests {
             rest.mix(&mut rows);
+        }
+        if rests || is_glossy {
             rows.par_iter().zip(&*bands).for_each(|(rows, band)| finish(rows, band));
         }
     }
@@ -213,8 +280,9 @@ impl FrameRenderer {
     fn trace_band(&self, request: &FrameRequest, eye: &Eye, band: &mut TreeRows<'_>, into: &mut Band) {
         into.shaded.clear();
         into.surfaces.clear();
+        into.glossy.clear();
         let first = (band.rows.start * request.camera.size.width) as usize;
-        let Band { shaded, surfaces, branches, counts, .. } = into;
+        let Band { shaded, surfaces, glossy, branches, counts, .. } = into;
         let mut chain: Chain = [None; MAX_NODES];
         for offset in tiled(request.camera.size.width, band.rows.len() as u32) {
             let at = PixelOfBand { pixel: first + offset, offset };
@@ -227,11 +295,21 @@ impl FrameRenderer {
                     path_m: link.path_m,
                     evaluated,
                     arrival: Arrival::Certain,
+                    glossy: false,
                 });
                 let mut sampler = Sampler::new(request.seed, (at.pixel * MAX_NODES + node) as u64, 0);
-                self.collect(branches, request.max_depth, &mut sampler, counts, |vertex, weight, path_m| {
-                    shaded.push(Shaded { vertex, weight, path_m, offset: offset as u32, node: node as u8, need: 0.0 });
-                })
+                let (offset, node) = (offset as u32, node as u8);
+                let collected = self.collect(branches, request.max_depth, &mut sampler, counts, |diffuse| {
+                    shaded.push(Shaded { offset, node, ..diffuse });
+                });
+                glossy.extend(collected.glossy.map(|point| {
+                    // The image of what a nearly sharp lobe reflects is where its node says.
+                    let is_image = link.boundary.is_none() && link.events.lobes.is_some_and(|lobes| !lobes.diffuse);
+                    let surface_m = (link.vertex.point.position - eye.position).length();
+                    let beyond_m = if is_image { (link.path_m - surface_m).max(0.0) } else { f32::INFINITY };
+                    GlossyPoint { offset, node, beyond_m, ..point }
+                }));
+                collected.radiance
             });
         }
     }
@@ -244,14 +322,16 @@ impl FrameRenderer {
         max_depth: u32,
         sampler: &mut Sampler,
         counts: &mut RayCounts,
-        mut on_diffuse: impl FnMut(Vertex, Vec3, f32),
-    ) -> Vec3 {
+        mut on_diffuse: impl FnMut(Shaded),
+    ) -> Collected {
         let tracer = &self.tracer;
         let scene = tracer.scene();
-        let mut radiance = Vec3::ZERO;
-        while let Some(Branch { mut vertex, mut weight, path_m, evaluated, arrival }) = waiting.pop() {
+        // What is certain, and what is seen by way of rough lobes.
+        let mut radiance = [Vec3::ZERO; 2];
+        let mut point: Option<GlossyPoint> = None;
+        while let Some(Branch { mut vertex, mut weight, path_m, evaluated, arrival, glossy }) = waiting.pop() {
             if evaluated.emission {
-                radiance += weight * tracer.emitted(&vertex, arrival);
+                radiance[usize::from(glossy)] += weight * tracer.emitted(&vertex, arrival);
             }
             if vertex.segments >= max_depth {
                 continue;
@@ -261,7 +341,7 @@ impl FrameRenderer {
             let lobes = evaluated.lobes.unwrap_or(Lobes::NONE);
             let diffuse = weight * bsdf.diffuse();
             if lobes.diffuse && diffuse != Vec3::ZERO {
-                on_diffuse(vertex, diffuse, path_m);
+                on_diffuse(Shaded { vertex, weight: diffuse, path_m, glossy, offset: 0, node: 0, need: 0.0 });
             }
             // Sharp events are split; of lobes one ray is drawn.
             let split = [
@@ -269,25 +349,34 @@ impl FrameRenderer {
                 Events { reflect: false, lobes: None, ..evaluated },
                 Events { reflect: false, refract: false, lobes: Some(Lobes { diffuse: false, ..lobes }), ..evaluated },
             ];
-            for events in split {
+            let rough = Lobes { diffuse: false, ..lobes };
+            if !glossy && bsdf.has(rough) {
+                note(&mut point, &vertex, weight, path_m, &bsdf.gloss(rough));
+            }
+            for (events, glossy) in split.into_iter().zip([glossy, glossy, true]) {
                 let (direct, scattered) = tracer.scatter(&vertex, &bsdf, events, sampler, counts);
-                radiance += weight * direct;
+                radiance[usize::from(glossy)] += weight * direct;
                 let Some(scattered) = scattered else { continue };
                 let Some(weight) = worth_following(weight * scattered.weight, sampler) else { continue };
                 let (through, met) = tracer.follow(&vertex, &scattered, sampler);
                 match met {
-                    Met::Nothing { radiance: escaped } => radiance += weight * through * escaped,
+                    Met::Nothing { radiance: escaped } => {
+                        radiance[usize::from(glossy)] += weight * through * escaped;
+                    }
                     Met::Surface(next) => waiting.push(Branch {
                         path_m: path_m + (next.point.position - scattered.ray.origin).length(),
                         vertex: next,
                         weight: weight * through,
                         evaluated: Events::ALL,
                         arrival: scattered.arrival,
+                        glossy,
                     }),
                 }
             }
         }
-        radiance
+        let [certain, sampled] = radiance;
+        let glossy = point.map(|point| GlossyPoint { radiance: sampled, ..point });
+        Collected { radiance: certain, glossy }
     }
 
     #[allow(clippy::too_many_arguments)]
@@ -341,8 +430,9 @@ impl FrameRenderer {
         band: &mut Band,
         sums: &mut [PixelSum],
     ) {
-        let Band { shaded, surfaces, deposits, counts, .. } = band;
+        let Band { shaded, surfaces, glossy, deposits, counts, .. } = band;
         deposits.clear();
+        let mut glossy = glossy.iter().peekable();
         for (index, surface) in surfaces.iter().enumerate() {
             let end = surfaces.get(index + 1).map_or(shaded.len(), |next| next.first as usize);
             let points = &shaded[surface.first as usize..end];
@@ -351,7 +441,11 @@ impl FrameRenderer {
             let (column, row) = (surface.offset % width, rows.rows.start + surface.offset / width);
             let ahead = f64::from(scattered(column, row, surface.node).fract());
             let due = (step.before + ahead) as u32..(step.after + ahead) as u32;
-            let certain = Vec3::from_array([0, 1, 2].map(|channel: usize| rows.nodes[node].radiance[channel][offset]));
+            let mut certain =
+                Vec3::from_array([0, 1, 2].map(|channel: usize| rows.nodes[node].radiance[channel][offset]));
+            if let Some(point) = glossy.next_if(|point| (point.offset, point.node) == (surface.offset, surface.node)) {
+                certain += point.radiance;
+            }
             let sum = &mut sums[Rest::place(node, offset, width as usize)];
             for sample in due {
                 let stream = u64::from(row * width + column) * MAX_NODES as u64 + u64::from(surface.node);
@@ -396,8 +490,18 @@ impl Band {
     /// Adds the light of the cache to the rows.
     fn light(&mut self, cache: &IrradianceCache, cell_per_m: f32, rows: &mut TreeRows<'_>) {
         self.stencils.clear();
+        let mut glossy = self.glossy.iter_mut().peekable();
         for point in &self.shaded {
             let radiance = point.weight * self.stencils.irradiance(cache, &point.place(cell_per_m));
+            if point.glossy {
+                // In the same order: those before it have no diffuse surface behind their lobe.
+                let is_of = |glossy: &GlossyPoint| (glossy.offset, glossy.node) == (point.offset, point.node);
+                while glossy.next_if(|glossy| !is_of(glossy)).is_some() {}
+                if let Some(glossy) = glossy.peek_mut() {
+                    glossy.radiance += radiance;
+                }
+                continue;
+            }
             let channels = &mut rows.nodes[usize::from(point.node)].radiance;
             for (channel, value) in channels.iter_mut().zip(radiance.to_array()) {
                 channel[point.offset as usize] += value;
@@ -412,6 +516,31 @@ impl Shaded {
             position: self.vertex.point.position,
             normal: self.vertex.lit_normal(),
             cell_m: self.path_m * cell_per_m,
+        }
+    }
+}
+
+/// Notes the rough lobes of a surface, beside those of others in the same pixel.
+fn note(point: &mut Option<GlossyPoint>, vertex: &Vertex, weight: Vec3, path_m: f32, gloss: &Gloss) {
+    let albedo = weight * gloss.reflectance;
+    match point {
+        Some(point) => {
+            point.albedo += albedo;
+            point.alpha = point.alpha.min(gloss.alpha);
+        }
+        None => {
+            *point = Some(GlossyPoint {
+                offset: 0,
+                node: 0,
+                material: vertex.point.material,
+                position: vertex.point.position,
+                normal: vertex.lit_normal(),
+                alpha: gloss.alpha,
+                path_m,
+                beyond_m: f32::INFINITY,
+                albedo,
+                radiance: Vec3::ZERO,
+            });
         }
     }
 }

@@ -63,11 +63,13 @@ fn a_frame_of_the_gallery_shown_at_its_own_pose_is_the_servers_image_to_the_bit(
     assert_eq!(ready.tree.plan.nodes().len(), 4, "the gallery has mirrors, water and glass");
 
     let mut warper = Warper::default();
-    warper.prepare(&ready.tree);
     let mut picture = RgbImage::default();
-    let statistics = warper.show(Mode::Diffuse, &ready.tree.render_pose, &camera, exposure, &mut picture);
-    assert_eq!(statistics.hole_fraction, 0.0);
-    assert!(picture == image_of(&ready.tree, exposure), "not the image of the tree that was sent");
+    for mode in Mode::ALL {
+        warper.prepare(mode, &ready.tree);
+        let statistics = warper.show(mode, &ready.tree, &ready.tree.render_pose, &camera, exposure, &mut picture);
+        assert_eq!(statistics.hole_fraction, 0.0);
+        assert!(picture == image_of(&ready.tree, exposure), "{}: not the image of the tree sent", mode.name());
+    }
 
     // What quantisation costs: the image before it differs by a code or two, and where a node saturates.
     let unquantised = image_of(stream.tree(), exposure);
