@@ -4,7 +4,7 @@
 //! [`cache`] and [`integrator`] (light transport), [`film`] (whole pictures) and [`frame`] (ray trees).
 
 pub mod accel;
-pub mod bsdf;
+mod bsdf;
 pub mod cache;
 pub mod cli;
 pub mod counters;

@@ -6,8 +6,8 @@
 //! (a hole); holes are then filled by push-pull in all of them.
 //!
 //! Modes that paint reflections onto the surface share the flattened picture of the old pose. `specular`, which
-//! warps every node on its own, has its own form of a frame ([`prepared`]) and its own pipeline ([`specular`]), written
-//! in vectors ([`lanes`]); the plain code of `diffuse` is what its root is held against.
+//! warps every node on its own, has its own form of a frame (`prepared`) and its own pipeline (`specular`), written
+//! in vectors (`lanes`); the plain code of `diffuse` is what its root is held against.
 
 mod diffuse;
 mod exit;

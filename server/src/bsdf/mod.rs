@@ -38,7 +38,6 @@ pub(crate) use gloss::Gloss;
 pub(crate) use lambert::pdf_cosine;
 pub(crate) use lambert::{Lambert, sample_cosine, tangents};
 pub(crate) use lobes::{Lobes, LobesOf, Scatters};
-pub use roughness::SHARP_ALPHA;
 
 use crate::accel::SurfacePoint;
 use crate::scene::{Distribution, Finish, Scene, Surface};
@@ -290,7 +289,7 @@ impl Bsdf {
     }
 
     /// The boundary that stands for the [`Lobes::REFLECTED`] and [`Lobes::REFRACTED`] of a surface that is rough
-    /// by [`SHARP_ALPHA`] at most, as if it were smooth. A node that shows one of them, with the geometry of
+    /// by [`roughness::SHARP_ALPHA`] at most, as if it were smooth. A node that shows one of them, with the geometry of
     /// this boundary's ray, holds what the lobe makes of the light over the boundary's weight
     /// (`reflectance`, or 1 - `reflectance`). `None` where the surface has sharp events or is rougher.
     pub(crate) fn nearly_sharp(&self) -> Option<&Boundary> {

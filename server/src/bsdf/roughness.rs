@@ -9,7 +9,7 @@ use glam::{Vec2, Vec3};
 /// the mirror direction. Half of what a GGX lobe reflects then comes from within 2 alpha = 0.2 rad of that
 /// direction: what is reflected is blurred, but still moves as the mirror image does. In a wider lobe the
 /// reflected points lie so far apart that none of them tells how their sum moves. A choice, not yet measured.
-pub const SHARP_ALPHA: f32 = 0.1;
+pub(super) const SHARP_ALPHA: f32 = 0.1;
 
 /// Whether an alpha gives a lobe at all.
 pub(crate) fn is_rough(alpha: f32) -> bool {

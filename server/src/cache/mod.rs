@@ -13,7 +13,7 @@
 //! never by racing threads: contents are a function of the sequence of frames alone.
 //!
 //! Limits: within a cell light is taken as constant (bilinear between cells): contact shadows narrower than
-//! two cells are blurred. Light that changes without being noticed by [`Changes`] is followed at the pace of
+//! two cells are blurred. Light that changes without being noticed by `Changes` is followed at the pace of
 //! [`CacheSettings::max_samples`]. Cost: 22 bytes per cell, and per frame what [`crate::frame`] states.
 
 mod cell;

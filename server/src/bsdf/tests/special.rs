@@ -1,7 +1,8 @@
 //! Hard inputs, sharp and nearly sharp surfaces, sides.
 
 use super::*;
-use crate::bsdf::{Boundary, SHARP_ALPHA, interface_of};
+use crate::bsdf::roughness::SHARP_ALPHA;
+use crate::bsdf::{Boundary, interface_of};
 use warplight_protocol::optics::Interface;
 
 fn all_surfaces(finish: Finish) -> Vec<Surface> {
