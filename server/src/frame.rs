@@ -119,6 +119,10 @@ struct Edge {
     lobe: bool,
     /// Whether colours are refracted differently.
     dispersive: bool,
+    /// Whether the surface scatters by lobes, too.
+    has_lobes: bool,
+    /// Pixel value of the boundary's interface; 0 where none stands for it.
+    interface: u8,
 }
 
 /// The ray that a node of a pixel follows.
@@ -289,9 +293,9 @@ impl FrameRenderer {
                 channel[offset] = value;
             }
             if !rows.interface.is_empty() {
-                let boundary = link.as_ref().and_then(|link| self.interface_at(link));
+                let edge = link.and_then(|link| link.boundary).filter(|edge| edge.interface > 0);
                 let (interface, normal_in_view) =
-                    boundary.map_or((0, Vec3::ZERO), |(index, normal)| (index, eye.view_from_world(normal)));
+                    edge.map_or((0, Vec3::ZERO), |edge| (edge.interface, eye.view_from_world(edge.boundary.normal)));
                 rows.interface[offset] = interface;
                 for (axis, value) in rows.normal.iter_mut().zip(normal_in_view.to_array()) {
                     axis[offset] = value;
@@ -312,7 +316,13 @@ impl FrameRenderer {
         let vertex = Vertex { point, direction, medium: segment.medium, segments: segment.segments, channel: None };
         let bsdf = Bsdf::at(self.scene(), &point, direction, segment.medium, None);
         let dispersive = self.scene().materials[point.material as usize].surface.is_dispersive();
-        let edge = |boundary: &Boundary, lobe| Edge { boundary: *boundary, lobe, dispersive };
+        let edge = |boundary: &Boundary, lobe| Edge {
+            boundary: *boundary,
+            lobe,
+            dispersive,
+            has_lobes: bsdf.has(Lobes::ALL),
+            interface: self.pixel_value_of(&boundary.interface),
+        };
         Some(Link {
             vertex,
             events: Events::ALL,
@@ -340,7 +350,7 @@ impl FrameRenderer {
             !edge.lobe
                 && !evaluated.reflect
                 && (!evaluated.refract || edge.boundary.refracted.is_none())
-                && !self.has_lobes(link)
+                && !edge.has_lobes
         });
         let spp = if certain { 1 } else { request.spp.max(1) };
         let stream = (pixel * MAX_NODES + node) as u64;
@@ -366,14 +376,11 @@ impl FrameRenderer {
         }
     }
 
-    fn has_lobes(&self, Link { vertex, .. }: &Link) -> bool {
-        Bsdf::at(self.scene(), &vertex.point, vertex.direction, vertex.medium, None).has(Lobes::ALL)
-    }
-
     /// The events of a surface that have no node of their own.
     fn baked_events(&self, request: &FrameRequest, link: &Link, node: usize) -> Events {
         // A boundary that no pixel value stands for has no children: all is baked.
-        let shown = |arrival| self.interface_at(link).is_some() && request.plan.child(node, arrival).is_some();
+        let has_interface = link.boundary.is_some_and(|edge| edge.interface > 0);
+        let shown = |arrival| has_interface && request.plan.child(node, arrival).is_some();
         let (reflect, refract) = (!shown(Arrival::Reflected), !shown(Arrival::Refracted));
         match link.boundary {
             None => link.events,
@@ -385,11 +392,10 @@ impl FrameRenderer {
         }
     }
 
-    /// Pixel value and normal in world of a node's boundary.
-    fn interface_at(&self, link: &Link) -> Option<(u8, Vec3)> {
-        let Edge { boundary, .. } = link.boundary.as_ref()?;
-        let index = self.interfaces.0.iter().position(|interface| *interface == boundary.interface)?;
-        Some((index as u8 + 1, boundary.normal))
+    /// The pixel value that stands for an interface; 0 where the frame does not name it.
+    fn pixel_value_of(&self, interface: &Interface) -> u8 {
+        let index = self.interfaces.0.iter().position(|known| known == interface);
+        index.map_or(0, |index| index as u8 + 1)
     }
 }
 
@@ -397,7 +403,7 @@ impl Link {
     /// The ray that arrives here by reflection or refraction, if there is one.
     fn follow(&self, arrival: Arrival, counts: &mut RayCounts) -> Option<Segment> {
         const NOTHING: Events = Events { emission: false, reflect: false, refract: false, lobes: None };
-        let Edge { boundary, lobe, dispersive } = self.boundary.as_ref()?;
+        let Edge { boundary, lobe, dispersive, .. } = self.boundary.as_ref()?;
         let (direction, medium, factor, over, blurred) = match arrival {
             Arrival::Direct => return None,
             Arrival::Reflected => {

@@ -47,10 +47,7 @@ impl RoughDielectric {
     }
 
     pub(crate) fn albedo(&self, lobes: Lobes) -> f32 {
-        let reflected = if lobes.have(Lobes::REFLECTED) { self.reflectance } else { 0.0 };
-        let refracted =
-            if lobes.have(Lobes::REFRACTED) { (1.0 - self.reflectance) * self.filter.max_element() } else { 0.0 };
-        reflected + refracted
+        lobes.albedo_of_facets(self.reflectance, self.filter)
     }
 
     pub(crate) fn gloss(&self, lobes: Lobes) -> Gloss {
@@ -67,22 +64,13 @@ impl RoughDielectric {
         gloss
     }
 
-    /// Probability that a facet reflects: its Fresnel term, unless one lobe alone counts.
-    fn reflects(&self, reflectance: f32, lobes: Lobes) -> f32 {
-        match (lobes.have(Lobes::REFLECTED), lobes.have(Lobes::REFRACTED)) {
-            (true, true) => reflectance,
-            (true, false) => 1.0,
-            _ => 0.0,
-        }
-    }
-
     pub(crate) fn evaluate(&self, wo: Vec3, wi: Vec3, lobes: Lobes) -> Evaluated {
         if wi.z > 0.0 && lobes.have(Lobes::REFLECTED) {
             let Some(glint) = self.facets.glint(wo, wi) else { return Evaluated::NOTHING };
             let reflectance = fresnel_dielectric(glint.cosine, self.eta);
             Evaluated {
                 value: Vec3::splat(reflectance * glint.value * self.scale),
-                pdf: self.reflects(reflectance, lobes) * glint.pdf,
+                pdf: lobes.probability_of_reflection(reflectance) * glint.pdf,
             }
         } else if wi.z < 0.0 && lobes.have(Lobes::REFRACTED) {
             self.refracted(wo, wi, lobes).unwrap_or(Evaluated::NOTHING)
@@ -106,13 +94,13 @@ impl RoughDielectric {
             return None;
         }
         let value = (1.0 - reflectance) * pdf * self.facets.visible(wi) * self.scale / (self.eta * self.eta);
-        Some(Evaluated { value: self.filter * value, pdf: (1.0 - self.reflects(reflectance, lobes)) * pdf })
+        Some(Evaluated { value: self.filter * value, pdf: (1.0 - lobes.probability_of_reflection(reflectance)) * pdf })
     }
 
     pub(crate) fn sample(&self, wo: Vec3, choice: f32, u: Vec2, lobes: Lobes) -> Option<Vec3> {
         let m = self.facets.sample_visible(wo, u);
         let cosine = wo.dot(m);
-        if choice < self.reflects(fresnel_dielectric(cosine, self.eta), lobes) {
+        if choice < lobes.probability_of_reflection(fresnel_dielectric(cosine, self.eta)) {
             return Some(reflect_about(wo, m)).filter(|wi| wi.z > 0.0 && lobes.have(Lobes::REFLECTED));
         }
         refract(-wo, m, self.eta).filter(|wi| wi.z < 0.0 && lobes.have(Lobes::REFRACTED))

@@ -35,6 +35,22 @@ impl Lobes {
             || self.reflected && others.reflected
             || self.refracted && others.refracted
     }
+
+    /// How much facets send on that reflect this part of the light and let the rest through a filter.
+    pub(crate) fn albedo_of_facets(self, reflectance: f32, filter: Vec3) -> f32 {
+        let reflected = if self.have(Lobes::REFLECTED) { reflectance } else { 0.0 };
+        let through = if self.have(Lobes::REFRACTED) { (1.0 - reflectance) * filter.max_element() } else { 0.0 };
+        reflected + through
+    }
+
+    /// Probability that such a facet reflects: its reflectance, unless one lobe alone counts.
+    pub(crate) fn probability_of_reflection(self, reflectance: f32) -> f32 {
+        match (self.have(Lobes::REFLECTED), self.have(Lobes::REFRACTED)) {
+            (true, true) => reflectance,
+            (true, false) => 1.0,
+            _ => 0.0,
+        }
+    }
 }
 
 /// What scatters light by a density, so that directions are drawn from it and lights are weighted against it.

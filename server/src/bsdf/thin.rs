@@ -36,10 +36,7 @@ impl RoughPane {
     }
 
     pub(crate) fn albedo(&self, lobes: Lobes) -> f32 {
-        let reflected = if lobes.have(Lobes::REFLECTED) { self.reflectance } else { 0.0 };
-        let through =
-            if lobes.have(Lobes::REFRACTED) { (1.0 - self.reflectance) * self.filter.max_element() } else { 0.0 };
-        reflected + through
+        lobes.albedo_of_facets(self.reflectance, self.filter)
     }
 
     pub(crate) fn gloss(&self, lobes: Lobes) -> Gloss {
@@ -54,15 +51,6 @@ impl RoughPane {
         gloss
     }
 
-    /// Probability that a facet reflects: by the pane's reflectance, unless one lobe alone counts.
-    fn reflects(&self, reflectance: f32, lobes: Lobes) -> f32 {
-        match (lobes.have(Lobes::REFLECTED), lobes.have(Lobes::REFRACTED)) {
-            (true, true) => reflectance,
-            (true, false) => 1.0,
-            _ => 0.0,
-        }
-    }
-
     pub(crate) fn evaluate(&self, wo: Vec3, wi: Vec3, lobes: Lobes) -> Evaluated {
         let through = wi.z < 0.0;
         let counts = lobes.have(if through { Lobes::REFRACTED } else { Lobes::REFLECTED });
@@ -70,7 +58,7 @@ impl RoughPane {
             return Evaluated::NOTHING;
         };
         let reflectance = reflectance_of_pane(glint.cosine, self.eta);
-        let reflects = self.reflects(reflectance, lobes);
+        let reflects = lobes.probability_of_reflection(reflectance);
         let (part, probability) = if through {
             (self.filter * (1.0 - reflectance), 1.0 - reflects)
         } else {
@@ -85,7 +73,7 @@ impl RoughPane {
         if wi.z <= 0.0 {
             return None;
         }
-        let reflects = choice < self.reflects(reflectance_of_pane(wo.dot(m), self.eta), lobes);
+        let reflects = choice < lobes.probability_of_reflection(reflectance_of_pane(wo.dot(m), self.eta));
         let counts = lobes.have(if reflects { Lobes::REFLECTED } else { Lobes::REFRACTED });
         counts.then(|| if reflects { wi } else { wi.with_z(-wi.z) })
     }

@@ -10,7 +10,7 @@
 //! path is walked. Cost: about three rays per sample once the cache knows the scene.
 
 use super::PathTracer;
-use super::path::{Events, Met, ROULETTE_AFTER, Vertex};
+use super::path::{Events, MAX_SURVIVAL, Met, ROULETTE_AFTER, Vertex};
 use super::sampler::Sampler;
 use crate::bsdf::{Bsdf, Lambert, Lobes};
 use crate::cache::{Deposits, IrradianceCache, Place};
@@ -27,8 +27,6 @@ const REFRESH: f32 = 0.06;
 const SECONDARY_CELLS: f32 = 8.0;
 /// And at most in distances from the surface they light: nearby light has detail.
 const CELL_PER_DISTANCE: f32 = 0.25;
-/// Survival of a path in the roulette.
-const MAX_SURVIVAL: f32 = 0.95;
 
 /// What a sample of irradiance needs besides the scene.
 pub(crate) struct Gather<'a> {

@@ -15,7 +15,7 @@ use glam::Vec3;
 /// Segments before Russian roulette begins: shorter paths carry most of the light.
 pub(super) const ROULETTE_AFTER: u32 = 4;
 /// Most likely survival: bounds the length of a path in a closed white room.
-const MAX_SURVIVAL: f32 = 0.95;
+pub(super) const MAX_SURVIVAL: f32 = 0.95;
 /// Part of a light's distance within which nothing counts as in its way: the roundings of its own position.
 const SHADOW_END: f32 = 1.0 - 1e-5;
 

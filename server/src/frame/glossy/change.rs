@@ -13,7 +13,7 @@ use super::{Points, Site};
 use crate::cache::luminance;
 use warplight_protocol::ImageSize;
 
-/// Rows and columns of a tile: 256 samples.
+/// Rows and columns of a tile: 64 samples.
 const TILE: usize = 8;
 /// Standard errors that a change exceeds: fewer forget by chance, more overlook.
 const SIGMAS: f32 = 3.0;
