@@ -63,7 +63,7 @@ impl Assembler {
             let camera = Camera::symmetric(1.0, ImageSize::new(1, 1));
             Tree::new(Pose::IDENTITY, camera, shape.plan.clone(), shape.interfaces.clone())
         });
-        tree.reset(begin.render_pose, shape.camera, &shape.plan, &shape.interfaces);
+        shape.fit(&mut tree, begin.render_pose);
         let strips = shape.strips();
         self.current = Some(Partial {
             tree,
@@ -74,6 +74,11 @@ impl Assembler {
             bytes_per_plane: BytesPerPlane::new(),
             begin,
         });
+    }
+
+    /// Size of the frame that is being put together.
+    pub fn size(&self) -> Option<ImageSize> {
+        self.current.as_ref().map(|partial| partial.begin.shape.camera.size)
     }
 
     /// Decodes a strip. `elapsed` measures or models what that took: it is called once, after the work.

@@ -1,11 +1,13 @@
 //! The Warplight client: reprojects the latest frame of a remote path tracer to the head pose of the moment.
 //!
 //! wire -> decode -> warp -> composite -> report; poses flow back. [`session`] (no clock, no socket),
-//! [`assemble`] (strips to frames), [`warp`] (frames to pictures), [`trace`] (where the head is), [`replay`]
+//! [`assemble`] (strips to frames), [`warp`] (frames to pictures), [`display`] (what eyes, lenses and shutters make of them), [`trace`] (where the head is), [`replay`]
 //! (all of it along a trace, in real or virtual time), [`measure`] and [`report`] (what came of it).
 
+pub mod analytic;
 pub mod assemble;
 pub mod cli;
+pub mod display;
 pub mod embedded;
 pub mod link;
 pub mod measure;
@@ -13,5 +15,6 @@ pub mod net;
 pub mod replay;
 pub mod report;
 pub mod session;
+pub mod sweep;
 pub mod trace;
 pub mod warp;

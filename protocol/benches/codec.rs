@@ -13,7 +13,7 @@ use std::hint::black_box;
 use std::sync::{Mutex, MutexGuard};
 use std::time::Duration;
 use warplight_protocol::codec::samples::{self, Packing, Predictor};
-use warplight_protocol::codec::{FrameShape, PlaneBytes, StripDecoder, StripEncoder};
+use warplight_protocol::codec::{FrameShape, PlaneBytes, PlaneKind, StripDecoder, StripEncoder};
 use warplight_protocol::frame::{ColorFormat, FrameFormat, Tree};
 
 const STRIP_ROWS: u16 = 64;
@@ -133,6 +133,55 @@ fn frames(c: &mut Criterion) {
     group.finish();
 }
 
+/// Shape operators of a solid that bends differently everywhere: bytes, and the error of an entry over the largest of its
+/// pixel.
+fn shapes(_: &mut Criterion) {
+    let format = FrameFormat { shape_bits: 0, ..FrameFormat::default() };
+    let (shape, mut tree) = room::solid::frame(1024, format, STRIP_ROWS);
+    println!("solid without shapes");
+    print_cpu(&shape, &mut tree);
+    for shape_bits in [6, 8, 10, 12] {
+        let format = FrameFormat { shape_bits, ..FrameFormat::default() };
+        let (shape, mut tree) = room::solid::frame(1024, format, STRIP_ROWS);
+        let (codes, defined) = room::solid::shape_codes(&shape, &tree);
+        for predictor in [Predictor::Gradient, Predictor::Median] {
+            for packing in [Packing::Runs, Packing::Bytes] {
+                let strips = code_all(&codes, usize::from(shape_bits), &defined, predictor, packing);
+                let bits = 8.0 * strips.iter().map(Vec::len).sum::<usize>() as f64 / defined.len() as f64;
+                println!("refract.shape of {shape_bits} bits, {predictor:?} {packing:?}: {bits:.3} bits/pixel");
+            }
+        }
+        print_cpu(&shape, &mut tree);
+        let mut session = Session::new(&shape);
+        session.encode(&shape, &mut tree);
+        let plane = shape.planes().iter().position(|plane| plane.1 == PlaneKind::Shape).expect("a solid");
+        let bytes: usize = session.strips.iter().map(|strip| strip.1[plane].bytes).sum();
+        let mut decoded = shape.tree(tree.render_pose);
+        session.decode(&shape, &mut decoded);
+        let (sent, got) = (&tree.nodes[2], &decoded.nodes[2]);
+        let known: Vec<usize> = (0..sent.interface.len()).filter(|&pixel| got.interface[pixel] > 0).collect();
+        let mut errors: Vec<f32> = known
+            .iter()
+            .filter_map(|&pixel| {
+                // In the basis of the normal as it came.
+                let was = sent.shape_at(pixel)?.turned(sent.normal_at(pixel), got.normal_at(pixel)).to_array();
+                let is = got.shape_at(pixel)?.to_array();
+                let size = was.iter().fold(0.0_f32, |size, entry| size.max(entry.abs()));
+                Some([0, 1, 2].map(|entry: usize| (is[entry] - was[entry]).abs() / size))
+            })
+            .flatten()
+            .collect();
+        errors.sort_by(f32::total_cmp);
+        println!(
+            "refract.shape of {shape_bits} bits: {:.3} bits/pixel, {:.2} per pixel of the solid; error over the largest entry of the pixel: median {:.2} %, largest {:.2} %",
+            8.0 * bytes as f64 / sent.interface.len() as f64,
+            8.0 * bytes as f64 / known.len() as f64,
+            100.0 * errors[errors.len() / 2],
+            100.0 * errors[errors.len() - 1]
+        );
+    }
+}
+
 /// One plane of codes under every predictor and packing, on one core: what `PlaneKind::coding` chooses from.
 fn codings(c: &mut Criterion) {
     let mut group = c.benchmark_group("coding");
@@ -218,6 +267,6 @@ criterion_group! {
     name = benches;
     config = Criterion::default().sample_size(10).warm_up_time(Duration::from_millis(200))
         .measurement_time(Duration::from_millis(800));
-    targets = frames, codings
+    targets = shapes, frames, codings
 }
 criterion_main!(benches);

@@ -7,7 +7,11 @@
 //!   centre of the first pixel is (0.5, 0.5).
 //!
 //! Depth *z* of a point in view is `-point.z`, so it is positive in front of the eye; where a distance
-//! along the ray is meant, it is called distance.
+//! along the ray is meant, it is called distance. Of a picture of six faces (`cube`) that holds in the view of a face.
+
+mod cube;
+
+pub use cube::{Face, MARGIN_RAD};
 
 use glam::{Vec2, Vec3};
 use serde::{Deserialize, Serialize};
@@ -101,58 +105,145 @@ impl FieldOfView {
     }
 }
 
-/// A pinhole camera: what maps view to pixel.
+/// Whole pixels that a picture has more than another of the same focal length, on each side.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Margins {
+    /// Columns on the left.
+    pub left: u32,
+    /// Columns on the right.
+    pub right: u32,
+    /// Rows below.
+    pub down: u32,
+    /// Rows above.
+    pub up: u32,
+}
+
+/// How a picture is laid out.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Projection {
+    /// On a plane before the eye.
+    #[default]
+    Perspective,
+    /// On the six faces of a cube around the eye, one below another: +x, -x, +y, -y, +z, -z of view.
+    Cube,
+}
+
+/// What maps view to pixel: a pinhole camera, or six of them.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Camera {
-    /// Image size.
+    /// Image size; of a cube that of the whole picture, six times as high as wide.
     pub size: ImageSize,
-    /// Field of view.
+    /// Field of view; of a cube that of each face.
     pub fov: FieldOfView,
+    /// How the picture is laid out.
+    pub projection: Projection,
 }
 
 /// Smallest depth that is projected, in metres; nearer points have no pixel.
 pub const MIN_DEPTH_M: f32 = 1e-6;
 
 impl Camera {
-    /// A camera with a symmetric field of view of `vertical_rad`.
-    pub fn symmetric(vertical_rad: f32, size: ImageSize) -> Camera {
-        Camera { size, fov: FieldOfView::symmetric(vertical_rad, size) }
+    /// A pinhole camera.
+    pub const fn perspective(size: ImageSize, fov: FieldOfView) -> Camera {
+        Camera { size, fov, projection: Projection::Perspective }
     }
 
-    /// Focal lengths in pixels, horizontal and vertical.
+    /// A pinhole camera with a symmetric field of view of `vertical_rad`.
+    pub fn symmetric(vertical_rad: f32, size: ImageSize) -> Camera {
+        Camera::perspective(size, FieldOfView::symmetric(vertical_rad, size))
+    }
+
+    /// Focal lengths in pixels, horizontal and vertical; of a cube those of each face.
     pub fn focal_px(&self) -> Vec2 {
         Vec2::new(
             self.size.width as f32 / (self.fov.right - self.fov.left),
-            self.size.height as f32 / (self.fov.up - self.fov.down),
+            self.rows_of_face() as f32 / (self.fov.up - self.fov.down),
         )
     }
 
-    /// The pixel position that the viewing axis meets; outside the image for extreme frusta.
+    /// The pixel position that the viewing axis meets; outside the image for extreme frusta. Of a cube the middle of
+    /// a face, counted from its own first row.
     pub fn centre_px(&self) -> Vec2 {
         self.focal_px() * Vec2::new(-self.fov.left, self.fov.up)
     }
 
-    /// The ray through `pixel`, scaled so that its z is -1: times the depth z it is the point in view.
+    /// The ray through `pixel`, scaled so that its z (of a cube: in the view of the face) is -1: times the depth z it
+    /// is the point in view.
     pub fn ray_in_view(&self, pixel: Vec2) -> Vec3 {
+        match self.projection {
+            Projection::Perspective => self.ray_in_face(pixel),
+            Projection::Cube => cube::ray_in_view(self, pixel),
+        }
+    }
+
+    /// The pixel position of a point or, at infinity, of a direction; `None` behind the eye, nearer than
+    /// [`MIN_DEPTH_M`] or where it is not finite. Of a cube it is in the face about whose axis the point lies.
+    pub fn pixel_from_view(&self, point_in_view: Vec3) -> Option<Vec2> {
+        match self.projection {
+            Projection::Perspective => self.pixel_from_face(point_in_view),
+            Projection::Cube => cube::pixel_from_view(self, point_in_view),
+        }
+    }
+
+    fn ray_in_face(&self, pixel: Vec2) -> Vec3 {
         let slope = (pixel - self.centre_px()) / self.focal_px();
         Vec3::new(slope.x, -slope.y, -1.0)
     }
 
-    /// The pixel position of a point or, at infinity, of a direction; `None` behind the eye, nearer than
-    /// [`MIN_DEPTH_M`] or where it is not finite.
-    pub fn pixel_from_view(&self, point_in_view: Vec3) -> Option<Vec2> {
-        let depth = -point_in_view.z;
+    fn pixel_from_face(&self, point: Vec3) -> Option<Vec2> {
+        let depth = -point.z;
         if !(depth >= MIN_DEPTH_M && depth.is_finite()) {
             return None;
         }
-        let slope = Vec2::new(point_in_view.x, -point_in_view.y) / depth;
+        let slope = Vec2::new(point.x, -point.y) / depth;
         let pixel = slope * self.focal_px() + self.centre_px();
         pixel.is_finite().then_some(pixel)
     }
 
-    /// Whether size and field of view are usable.
+    /// The camera that shows more on each side at the same focal length: pixel (x, y) of this one is pixel
+    /// (x + left, y + up) of that one, to 1e-3 px. A cube shows everything as it is.
+    pub fn widened(&self, margins: Margins) -> Camera {
+        if self.projection == Projection::Cube {
+            return *self;
+        }
+        let focal = self.focal_px().as_dvec2();
+        let size = ImageSize::new(
+            self.size.width.saturating_add(margins.left).saturating_add(margins.right),
+            self.size.height.saturating_add(margins.up).saturating_add(margins.down),
+        );
+        // f64: a focal length that is off by its last digit moves the far side of a wide picture.
+        let beyond = |tangent: f32, px: u32, focal: f64| (f64::from(tangent) + f64::from(px) / focal) as f32;
+        let fov = FieldOfView {
+            left: -beyond(-self.fov.left, margins.left, focal.x),
+            right: beyond(self.fov.right, margins.right, focal.x),
+            down: -beyond(-self.fov.down, margins.down, focal.y),
+            up: beyond(self.fov.up, margins.up, focal.y),
+        };
+        Camera::perspective(size, fov)
+    }
+
+    /// Column and row of `wider` at which the picture of this camera begins, if its pixels are pixels of that one.
+    pub fn offset_in(&self, wider: &Camera) -> Option<[u32; 2]> {
+        /// A quarter of the step of 1/256 px to which positions are rounded wherever pictures are sampled.
+        const SAME_PX: f32 = 1.0 / 1024.0;
+        if [self.projection, wider.projection] != [Projection::Perspective; 2] {
+            return (self == wider).then_some([0, 0]);
+        }
+        let offset = wider.centre_px() - self.centre_px();
+        let whole = offset.round();
+        let side = self.size.width.max(self.size.height) as f32;
+        let stretch = (wider.focal_px() / self.focal_px() - 1.0).abs().max_element() * side;
+        let fits = whole.min_element() >= 0.0
+            && whole.x as u32 + self.size.width <= wider.size.width
+            && whole.y as u32 + self.size.height <= wider.size.height;
+        let same = (offset - whole).abs().max_element() <= SAME_PX && stretch <= SAME_PX;
+        (fits && same).then_some([whole.x as u32, whole.y as u32])
+    }
+
+    /// Whether size and field of view are usable, and those of a cube are those of one.
     pub fn is_valid(&self) -> bool {
-        self.size.is_valid() && self.fov.is_valid()
+        let is_whole = self.projection == Projection::Perspective || cube::is_whole(self);
+        self.size.is_valid() && self.fov.is_valid() && is_whole
     }
 }
 
@@ -161,7 +252,7 @@ mod tests {
     use super::*;
 
     fn asymmetric() -> Camera {
-        Camera { size: ImageSize::new(640, 480), fov: FieldOfView { left: -1.2, right: 0.7, down: -0.9, up: 0.8 } }
+        Camera::perspective(ImageSize::new(640, 480), FieldOfView { left: -1.2, right: 0.7, down: -0.9, up: 0.8 })
     }
 
     #[test]
@@ -196,6 +287,34 @@ mod tests {
             assert_eq!(camera.pixel_from_view(Vec3::new(0.1, 0.1, z)), None, "z = {z}");
         }
         assert_eq!(camera.pixel_from_view(Vec3::new(f32::NAN, 0.0, -1.0)), None);
+    }
+
+    #[test]
+    fn a_wider_picture_has_the_pixels_of_the_narrower_one() {
+        let margins = Margins { left: 48, right: 16, down: 0, up: 112 };
+        for camera in [asymmetric(), Camera::symmetric(1.4, ImageSize::new(2048, 2048))] {
+            let wider = camera.widened(margins);
+            assert_eq!(wider.size, ImageSize::new(camera.size.width + 64, camera.size.height + 112));
+            for index in (0..camera.size.pixels()).step_by(4999) {
+                let pixel = camera.size.pixel_centre(index);
+                let same = wider.pixel_from_view(camera.ray_in_view(pixel)).unwrap();
+                assert!((same - pixel - Vec2::new(48.0, 112.0)).length() < 1e-3, "{pixel} is {same}");
+            }
+            assert_eq!(camera.offset_in(&wider), Some([48, 112]));
+            assert_eq!(camera.offset_in(&camera), Some([0, 0]));
+            assert_eq!(wider.offset_in(&camera), None, "not the other way round");
+        }
+    }
+
+    #[test]
+    fn pictures_of_other_grids_have_no_offset() {
+        let camera = Camera::symmetric(1.0, ImageSize::new(64, 64));
+        let wider = camera.widened(Margins { left: 8, right: 8, down: 8, up: 8 });
+        assert_eq!(Camera::symmetric(1.001, camera.size).offset_in(&wider), None, "another focal length");
+        let mut between = camera;
+        let half = 0.5 / camera.focal_px().x;
+        (between.fov.left, between.fov.right) = (camera.fov.left + half, camera.fov.right + half);
+        assert_eq!(between.offset_in(&wider), None, "half a pixel aside");
     }
 
     #[test]

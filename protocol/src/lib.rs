@@ -6,6 +6,7 @@
 
 pub mod camera;
 pub mod codec;
+pub mod curvature;
 pub mod frame;
 pub mod message;
 pub mod optics;

@@ -7,13 +7,13 @@ mod fixed;
 use fixed::{framed, messages, shape, strips};
 use std::collections::BTreeMap;
 use warplight_protocol::codec::samples::{Packing, Predictor};
-use warplight_protocol::codec::{Limits, PLANE_HEADER_BYTES, PlaneKind, STRIP_HEADER_BYTES, StripDecoder};
-use warplight_protocol::frame::{ColorFormat, DepthCoding, FrameFormat, MAX_INTERFACES, MAX_NODES, thesis_bits};
+use warplight_protocol::codec::{FrameShape, Limits, PLANE_HEADER_BYTES, PlaneKind, STRIP_HEADER_BYTES, StripDecoder};
+use warplight_protocol::frame::{ColorFormat, DepthCoding, FrameFormat, MAX_INTERFACES, MAX_NODES, Plan, thesis_bits};
 use warplight_protocol::message::{
     Capabilities, ErrorCode, MAGIC, MAX_ERROR_TEXT_BYTES, MAX_POSE_SAMPLES, Message, MessageKind, VERSION,
 };
 use warplight_protocol::wire::{Deframer, HEADER_BYTES};
-use warplight_protocol::{ImageSize, Pose};
+use warplight_protocol::{Camera, ImageSize, Pose};
 
 const DOCUMENT: &str = include_str!("../../docs/wire-format.md");
 
@@ -122,15 +122,36 @@ fn errors_capabilities_and_formats_are_those_of_the_code() {
     assert_eq!(allowed["format.root_depth_bits"], range(FrameFormat::DEPTH_BITS));
     assert_eq!(allowed["format.child_depth_bits"], range(FrameFormat::DEPTH_BITS));
     assert_eq!(allowed["format.normal_bits"], range(FrameFormat::NORMAL_BITS));
+    assert_eq!(allowed["format.shape_bits"], format!("0: not sent; else {}", range(FrameFormat::SHAPE_BITS)));
     let codings = [DepthCoding::Relative, DepthCoding::Unfolded].map(|coding| format!("{coding:?}"));
     assert_eq!(allowed["format.child_depth"], codings.join(", "));
+}
+
+#[test]
+fn faces_of_a_cube_are_those_of_the_code() {
+    let axis = |axis: glam::Vec3| {
+        let at = axis.abs().max_position();
+        format!("{}{}", if axis[at] > 0.0 { '+' } else { '-' }, ["x", "y", "z"][at])
+    };
+    let cube = Camera::cube(&Camera::symmetric(1.0, ImageSize::new(64, 64)), u32::MAX);
+    let code: Vec<_> = cube
+        .faces()
+        .enumerate()
+        .map(|(index, face)| {
+            let [right, up, back] =
+                [glam::Vec3::X, glam::Vec3::Y, glam::Vec3::Z].map(|own| face.view_from_face() * own);
+            [format!("{index}: {}", axis(-back)), axis(right), axis(up), axis(back)]
+        })
+        .collect();
+    assert_eq!(rows("face | right | up | back"), code);
 }
 
 #[test]
 fn kinds_of_planes_are_those_of_the_code() {
     let table = rows("code | kind | channels | bits | predictor | packing");
     assert_eq!(table.len(), PlaneKind::ALL.len());
-    let shape = shape();
+    // The plan of a solid: it alone has all kinds.
+    let shape = FrameShape { plan: Plan::solid(), ..shape() };
     for (row, kind) in table.iter().zip(PlaneKind::ALL) {
         assert_eq!(row[..2], [(kind as u8).to_string(), format!("{kind:?}")]);
         let (predictor, packing) = kind.coding();
@@ -146,6 +167,7 @@ fn kinds_of_planes_are_those_of_the_code() {
             PlaneKind::Depth => shape.format.root_depth_bits.into(),
             PlaneKind::Interface => shape.interfaces.bits(),
             PlaneKind::Normal => shape.format.normal_bits.into(),
+            PlaneKind::Shape => shape.format.shape_bits.into(),
         };
         assert_eq!(row[2].parse::<usize>().unwrap() * each, bits);
         assert!(!(16..32).contains(&(kind as u8)), "kept for volumes");

@@ -31,6 +31,7 @@ use glam::{DVec3, Mat3, Vec3};
 use rayon::prelude::*;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
+use warplight_protocol::curvature::ShapeOperator;
 use warplight_protocol::frame::{
     Arrival, Interfaces, MAX_INTERFACES, MAX_NODES, NodeRows, Plan, Tree, TreeRows, UNDEFINED,
 };
@@ -300,6 +301,15 @@ impl FrameRenderer {
                 for (axis, value) in rows.normal.iter_mut().zip(normal_in_view.to_array()) {
                     axis[offset] = value;
                 }
+                // Nodes that no quadric is needed of have no such planes.
+                if !rows.shape[0].is_empty() {
+                    let shape = link.filter(|_| interface > 0).map_or(ShapeOperator::FLAT, |link| {
+                        eye.shape_in_view(self.scene(), &link.vertex.point, normal_in_view)
+                    });
+                    for (entry, value) in rows.shape.iter_mut().zip(shape.to_array()) {
+                        entry[offset] = value;
+                    }
+                }
             }
             chain[node] = link;
         }
@@ -466,6 +476,15 @@ impl Eye {
     fn view_from_world(&self, direction: Vec3) -> Vec3 {
         self.world_from_view.transpose() * direction
     }
+
+    /// How the surface at a point bends, in the basis of this normal on the side that is seen.
+    fn shape_in_view(&self, scene: &Scene, point: &SurfacePoint, normal_in_view: Vec3) -> ShapeOperator {
+        let view_from_world = self.world_from_view.transpose();
+        let outside_in_view = view_from_world * point.geometric_normal;
+        let side = if outside_in_view.dot(normal_in_view) < 0.0 { -1.0 } else { 1.0 };
+        let gradient_in_view = view_from_world * point.normal_gradient(scene) * self.world_from_view;
+        ShapeOperator::of_gradient(normal_in_view, side * gradient_in_view)
+    }
 }
 
 /// The distinct optical boundaries of a scene's materials. Those beyond [`MAX_INTERFACES`] are left out: their
@@ -482,5 +501,7 @@ fn interfaces_of(scene: &Scene) -> Interfaces {
     Interfaces(interfaces)
 }
 
+#[cfg(test)]
+mod cube_tests;
 #[cfg(test)]
 mod tests;

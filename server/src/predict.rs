@@ -4,6 +4,7 @@
 //! head motion an acceleration term and a Kalman filter gain nothing over this, and the damping is what keeps
 //! 100 ms ahead from overshooting. Assumes samples some 5 to 40 ms apart; quaternions of either sign.
 
+use glam::DVec3;
 use std::collections::VecDeque;
 use std::time::Duration;
 use warplight_protocol::message::PoseSample;
@@ -19,6 +20,18 @@ const ROTATION_DAMPING_SECS: f64 = 0.2;
 /// A head does not move faster; what does is a gap or a jump of the tracker, over which nothing is predicted.
 const MAX_SPEED_M_PER_S: f64 = 10.0;
 const MAX_TURN_RAD_PER_S: f64 = 30.0;
+
+/// How long a turn of constant speed takes to get as far as the damped prediction does over `horizon`.
+pub fn damped(horizon: Duration) -> Duration {
+    let secs = ROTATION_DAMPING_SECS * -(-horizon.as_secs_f64() / ROTATION_DAMPING_SECS).exp_m1();
+    Duration::from_secs_f64(secs.max(0.0))
+}
+
+/// Velocities of a head, per second: in the world, and about the axes of its view.
+struct Motion {
+    velocity: DVec3,
+    angular_velocity: DVec3,
+}
 
 /// Recent poses of one head.
 #[derive(Clone, Debug, Default)]
@@ -55,12 +68,27 @@ impl Predictor {
     /// The pose `horizon` after the last good one; that one itself where there is no velocity to go by.
     pub fn predict(&self, horizon: Duration) -> Option<Pose> {
         let latest = self.latest()?;
+        let Some(Motion { velocity, angular_velocity }) = self.motion() else { return Some(latest.pose) };
+        let ahead_secs = horizon.as_secs_f64();
+        let turn = glam::DQuat::from_scaled_axis(angular_velocity * damped(horizon).as_secs_f64());
+        let turned = latest.pose.orientation * turn;
+        Some(Pose { position: latest.pose.position + velocity * ahead_secs, orientation: turned.normalize() })
+    }
+
+    /// How fast the head turns, in radians per second about the axes of its own view; not at all where nobody can tell.
+    pub fn turning_rad_per_s(&self) -> DVec3 {
+        self.motion().map_or(DVec3::ZERO, |motion| motion.angular_velocity)
+    }
+
+    /// The latest velocities; `None` where there are none to go by.
+    fn motion(&self) -> Option<Motion> {
+        let latest = self.latest()?;
         // The newest sample that is a window old, or the oldest there is.
         let earlier = self.recent.iter().rev().find(|sample| latest.time.since(sample.time) >= VELOCITY_WINDOW);
         let earlier = earlier.or(self.recent.front())?;
         let elapsed_secs = latest.time.since(earlier.time).as_secs_f64();
         if elapsed_secs < 1e-3 {
-            return Some(latest.pose);
+            return None;
         }
         let mut turn = earlier.pose.orientation.inverse() * latest.pose.orientation;
         if turn.w < 0.0 {
@@ -68,13 +96,8 @@ impl Predictor {
         }
         let angular_velocity = scaled_axis(turn) / elapsed_secs;
         let velocity = (latest.pose.position - earlier.pose.position) / elapsed_secs;
-        if velocity.length() > MAX_SPEED_M_PER_S || angular_velocity.length() > MAX_TURN_RAD_PER_S {
-            return Some(latest.pose);
-        }
-        let ahead_secs = horizon.as_secs_f64();
-        let damped_secs = ROTATION_DAMPING_SECS * -(-ahead_secs / ROTATION_DAMPING_SECS).exp_m1();
-        let turned = latest.pose.orientation * glam::DQuat::from_scaled_axis(angular_velocity * damped_secs);
-        Some(Pose { position: latest.pose.position + velocity * ahead_secs, orientation: turned.normalize() })
+        let is_head = velocity.length() <= MAX_SPEED_M_PER_S && angular_velocity.length() <= MAX_TURN_RAD_PER_S;
+        is_head.then_some(Motion { velocity, angular_velocity })
     }
 
     /// Time of the last good pose.
@@ -86,7 +109,7 @@ impl Predictor {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use glam::{DQuat, DVec3};
+    use glam::DQuat;
 
     fn sample(millis: u64, position: DVec3, yaw: f64) -> PoseSample {
         PoseSample {
@@ -105,8 +128,10 @@ mod tests {
         let pose = predictor.predict(Duration::from_millis(50)).unwrap();
         assert!((pose.position.x - 0.5 * (0.099 + 0.05)).abs() < 1e-9);
         let yaw = pose.angle_to(&Pose::IDENTITY);
-        let damped = 0.2 * (1.0 - (-0.05_f64 / 0.2).exp());
-        assert!((yaw - 0.3 * (0.099 + damped)).abs() < 1e-9);
+        let damped_secs = 0.2 * (1.0 - (-0.05_f64 / 0.2).exp());
+        assert!((yaw - 0.3 * (0.099 + damped_secs)).abs() < 1e-9);
+        assert!((damped(Duration::from_millis(50)).as_secs_f64() - damped_secs).abs() < 1e-8);
+        assert!((predictor.turning_rad_per_s() - DVec3::Y * 0.3).length() < 1e-9);
     }
 
     /// numerics: prediction with equal times, time going back, one sample, no number, a gap.

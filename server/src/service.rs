@@ -38,6 +38,8 @@ pub struct ServiceOptions {
     pub still_threads: usize,
     /// Nodes of a live frame, if not those that the scene calls for.
     pub plan: Option<Plan>,
+    /// How much more than the display a live frame shows at most on each side, in degrees; 0 for nothing.
+    pub guard_deg: f64,
 }
 
 impl Default for ServiceOptions {
@@ -52,12 +54,25 @@ impl Default for ServiceOptions {
             threads: 0,
             still_threads: 0,
             plan: None,
+            guard_deg: DEFAULT_GUARD_DEG,
         }
     }
 }
 
+/// Widest guard band by default, in degrees: a head that turns by 40 degrees a second, shown frames of up to 300 ms.
+pub const DEFAULT_GUARD_DEG: f64 = 12.0;
+/// Widest guard band that can be asked for.
+pub const MAX_GUARD_DEG: f64 = 60.0;
 /// Longest path by default: beyond, a lit room gains less than its noise.
 pub const DEFAULT_MAX_DEPTH: u32 = 8;
+/// A guard band in degrees, of a command line.
+pub fn guard_deg(text: &str) -> Result<f64, String> {
+    match text.parse() {
+        Ok(value) if (0.0..=MAX_GUARD_DEG).contains(&value) => Ok(value),
+        _ => Err(format!("expected an angle from 0 to {MAX_GUARD_DEG} degrees")),
+    }
+}
+
 /// Most samples per pixel that a client may ask of a still.
 const MAX_STILL_SPP: u32 = 65_536;
 
@@ -94,6 +109,7 @@ impl Service {
             samples: options.samples,
             max_still_spp: MAX_STILL_SPP,
             strip_rows: STRIP_ROWS,
+            guard_rad: options.guard_deg.to_radians(),
             limits: Limits::default(),
         };
         Ok(Service { renderer, session, options, live_pool, still_pool })

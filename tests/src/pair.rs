@@ -8,7 +8,7 @@ use warplight_client::link::{Link, LinkModel};
 use warplight_client::session::{ClientSession, Event};
 use warplight_protocol::codec::Limits;
 use warplight_protocol::frame::{FrameFormat, FrameId, Interfaces, Plan};
-use warplight_protocol::message::{Capabilities, FrameBegin, Hello, PoseSample};
+use warplight_protocol::message::{Capabilities, FrameBegin, Hello, PoseSample, Viewport};
 use warplight_protocol::{Camera, ImageSize, Pose, Timestamp};
 use warplight_server::session::{SampleBudget, ServerSession, SessionConfig};
 
@@ -71,12 +71,14 @@ impl Pair {
             samples: SampleBudget::Samples(1),
             max_still_spp: 1,
             strip_rows: 32,
+            guard_rad: 0.0,
             limits: Limits::default(),
         };
         let hello = Hello {
             capabilities: Capabilities::ALL,
             software: "harness".to_owned(),
             camera: Camera::symmetric(1.0, ImageSize::new(256, 256)),
+            viewport: Viewport::Plane,
             frame_hz: options.frame_hz,
             format: FrameFormat::default(),
         };

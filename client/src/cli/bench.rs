@@ -1,7 +1,7 @@
 //! `bench`: what each stage of the client costs, on frames made here.
 
 use super::{Failure, bench_frames};
-use crate::warp::{Mode, Solver, Stage, Warper};
+use crate::warp::{Mode, Normals, Solver, Stage, Warper};
 use anyhow::Context;
 use clap::Args;
 use image::RgbImage;
@@ -33,10 +33,16 @@ pub(super) struct BenchArgs {
     /// Samples per pixel of the frame: its noise is what colour costs.
     #[arg(long, default_value_t = 4, value_parser = clap::value_parser!(u32).range(1..=4096))]
     spp: u32,
-    /// How mode `specular` searches what boundaries show: frozen-distance, gauss-newton[:STEPS], descent[:STEPS] or
-    /// unfolded.
+    /// How mode `specular` searches what boundaries show: frozen-distance[:STEPS], gauss-newton[:STEPS],
+    /// descent[:STEPS], image-distance or unfolded.
     #[arg(long, default_value = "frozen-distance", value_name = "SOLVER")]
     solver: Solver,
+    /// Only this case, or all that begin with this word.
+    #[arg(long, default_value = "", value_name = "TEXT")]
+    only: String,
+    /// Where it has its normals from: transmitted, from-depth-gaussian or from-depth-bilateral.
+    #[arg(long, default_value = Normals::Transmitted.name(), value_name = "NORMALS")]
+    normals: Normals,
     /// Print one JSON document.
     #[arg(long)]
     json: bool,
@@ -62,6 +68,7 @@ struct Row {
 struct Bench {
     camera: Camera,
     solver: Solver,
+    normals: Normals,
     runs: u32,
     rows: Vec<Row>,
 }
@@ -98,10 +105,27 @@ impl Bench {
 pub(super) fn run(arguments: &BenchArgs) -> Result<(), Failure> {
     let scene = Scene::load(&arguments.scene)?;
     let camera = Camera::symmetric(80_f32.to_radians(), arguments.size);
-    let mut bench = Bench { camera, solver: arguments.solver, runs: arguments.runs, rows: Vec::new() };
-    let frame = render(&scene, camera, arguments.spp);
-    codec(&mut bench, &scene, &frame)?;
-    warps(&mut bench, &scene, &frame);
+    let mut bench =
+        Bench { camera, solver: arguments.solver, normals: arguments.normals, runs: arguments.runs, rows: Vec::new() };
+    let only = arguments.only.as_str();
+    let is_wanted = |case: &str| only.is_empty() || case == only || case.split(' ').next() == Some(only);
+    let (of_codec, of_scene) = (format!("codec {}", scene.name), format!("scene {}", scene.name));
+    if is_wanted(&of_codec) || is_wanted(&of_scene) {
+        let frame = render(&scene, camera, arguments.spp);
+        if is_wanted(&of_codec) {
+            codec(&mut bench, &of_codec, &scene, &frame)?;
+        }
+        if is_wanted(&of_scene) {
+            warp_stages(&mut bench, &of_scene, &frame, &bench_frames::moved(&frame.render_pose), scene.exposure);
+        }
+    }
+    for plan in bench_frames::plans() {
+        let case = format!("surface {}", bench_frames::name(&plan));
+        if is_wanted(&case) {
+            let frame = bench_frames::frame(camera, plan);
+            warp_stages(&mut bench, &case, &frame, &bench_frames::moved(&frame.render_pose), 1.0);
+        }
+    }
     if arguments.json {
         let threads = rayon::current_num_threads();
         let machine =
@@ -129,8 +153,7 @@ fn render(scene: &Scene, camera: Camera, spp: u32) -> Tree {
     tree
 }
 
-fn codec(bench: &mut Bench, scene: &Scene, frame: &Tree) -> Result<(), Failure> {
-    let case = format!("codec {}", scene.name);
+fn codec(bench: &mut Bench, case: &str, scene: &Scene, frame: &Tree) -> Result<(), Failure> {
     let shape = FrameShape {
         camera: frame.camera,
         plan: frame.plan.clone(),
@@ -156,7 +179,7 @@ fn codec(bench: &mut Bench, scene: &Scene, frame: &Tree) -> Result<(), Failure> 
     let pixels = frame.camera.size.pixels() as f64;
     let bits = |bytes: usize| bytes as f64 * 8.0 / pixels;
     let whole = bits(strips.iter().map(|(strip, _)| strip.len()).sum());
-    bench.time(&case, "encode", Some(whole), || drop(encode()));
+    bench.time(case, "encode", Some(whole), || drop(encode()));
     let mut target = frame.clone();
     let mut decode = || -> Result<(), warplight_protocol::codec::DecodeError> {
         let bands = target.bands_mut(u32::from(STRIP_ROWS));
@@ -168,7 +191,7 @@ fn codec(bench: &mut Bench, scene: &Scene, frame: &Tree) -> Result<(), Failure> 
             })
     };
     decode().context("decoding a strip just encoded")?;
-    bench.time(&case, "decode", Some(whole), || drop(decode()));
+    bench.time(case, "decode", Some(whole), || drop(decode()));
     let mut planes: BTreeMap<_, usize> = BTreeMap::new();
     for plane in strips.iter().flat_map(|(_, planes)| planes) {
         *planes.entry((plane.node, plane.kind)).or_default() += plane.bytes;
@@ -178,7 +201,7 @@ fn codec(bench: &mut Bench, scene: &Scene, frame: &Tree) -> Result<(), Failure> 
         let stage = format!("{}.{}", shape.plan.name(usize::from(node)), kind.name());
         let bits_per_pixel = Some(bits(bytes));
         bench.rows.push(Row {
-            case: case.clone(),
+            case: case.to_owned(),
             stage,
             size,
             runs: 0,
@@ -192,36 +215,43 @@ fn codec(bench: &mut Bench, scene: &Scene, frame: &Tree) -> Result<(), Failure> 
     Ok(())
 }
 
-fn warps(bench: &mut Bench, scene: &Scene, frame: &Tree) {
-    // Five centimetres aside and two degrees round: a tenth of a second of a lively head.
-    let turn = glam::DQuat::from_rotation_y(2_f64.to_radians());
-    let moved = frame.render_pose.orientation * glam::DVec3::X * 0.05;
-    let display_pose =
-        Pose { position: frame.render_pose.position + moved, orientation: frame.render_pose.orientation * turn };
-    let case = format!(
-        "surface {}",
-        (0..frame.plan.nodes().len()).map(|node| frame.plan.letters(node)).collect::<Vec<_>>().join(" ")
-    );
-    warp_stages(bench, &case, frame, &display_pose, scene.exposure);
-    for (name, frame) in bench_frames::all(bench.camera) {
-        let case = format!("analytic {name}");
-        warp_stages(bench, &case, &frame, &bench_frames::moved(&frame.render_pose), 1.0);
-    }
+/// The frame as a format without shape operators brings it: the client then takes differences.
+fn without_shapes(frame: &Tree) -> Tree {
+    let mut tree = frame.clone();
+    let shape = FrameShape {
+        camera: frame.camera,
+        plan: frame.plan.clone(),
+        interfaces: frame.interfaces.clone(),
+        format: FrameFormat { shape_bits: 0, ..FrameFormat::default() },
+        strip_rows: STRIP_ROWS,
+        exposure: 1.0,
+    };
+    shape.fit(&mut tree, frame.render_pose);
+    tree
 }
 
 fn warp_stages(bench: &mut Bench, case: &str, frame: &Tree, display_pose: &Pose, exposure: f32) {
     let mut warper = Warper::default();
     warper.set_solver(bench.solver);
+    warper.set_normals(bench.normals);
     let camera = bench.camera;
     let mut picture = RgbImage::new(camera.size.width, camera.size.height);
     for mode in Mode::ALL {
-        bench.time(case, &format!("{}: prepare", mode.name()), None, || warper.prepare(mode, frame));
-        bench.time(case, mode.name(), None, || {
+        if mode == Mode::Specular && frame.nodes.iter().any(|planes| planes.shape_at(0).is_some()) {
+            let frame = without_shapes(frame);
+            bench.time(case, "prepare, no F.shape", None, || warper.prepare(mode, &frame));
+        }
+        let [prepare, total] = match mode {
+            // What a display frame costs by default.
+            Mode::Specular => ["prepare".to_owned(), "total".to_owned()],
+            _ => [format!("{}: prepare", mode.name()), mode.name().to_owned()],
+        };
+        bench.time(case, &prepare, None, || warper.prepare(mode, frame));
+        bench.time(case, &total, None, || {
             warper.show(mode, frame, display_pose, &camera, exposure, &mut picture);
         });
     }
     for stage in Stage::ALL {
-        let name = format!("specular: {}", stage.name());
-        bench.time(case, &name, None, || warper.run(stage, display_pose, &camera, exposure, &mut picture));
+        bench.time(case, stage.name(), None, || warper.run(stage, display_pose, &camera, exposure, &mut picture));
     }
 }

@@ -1,7 +1,7 @@
 //! Frames of closed forms for `bench`: the same on every machine, and with as many nodes as asked for.
 //!
-//! A room with balls in it; below a line that halves the picture lies a plane that reflects, and refracts into a basin
-//! ({D, R, F}) or through a sheet of glass ({D, R, F, FF}).
+//! A room with balls in it; below a line that halves the picture lies a plane that reflects ({D, R}), and refracts into a
+//! basin ({D, R, F}) or through a sheet of glass ({D, R, F, FF}).
 
 use glam::{DQuat, DVec3, Vec3};
 use warplight_protocol::frame::{Interfaces, Plan, Tree};
@@ -20,10 +20,14 @@ pub(super) fn moved(pose: &Pose) -> Pose {
     Pose { position: pose.position + pose.orientation * DVec3::X * 0.05, orientation: pose.orientation * turn }
 }
 
-/// Name and frame of each plan.
-pub(super) fn all(camera: Camera) -> [(&'static str, Tree); 3] {
-    [("D", Plan::diffuse()), ("D R F", Plan::water()), ("D R F FF", Plan::solid())]
-        .map(|(name, plan)| (name, frame(camera, plan)))
+/// The plans that are timed.
+pub(super) fn plans() -> [Plan; 4] {
+    [Plan::diffuse(), Plan::mirror(), Plan::water(), Plan::solid()]
+}
+
+/// The last letters of a plan's nodes.
+pub(super) fn name(plan: &Plan) -> String {
+    (0..plan.nodes().len()).filter_map(|node| plan.letters(node).chars().last()).collect()
 }
 
 /// Distance to the room and its balls.
@@ -46,7 +50,8 @@ fn texture(point: Vec3) -> Vec3 {
     Vec3::splat(0.5) + 0.4 * Vec3::new((5.0 * point.x).sin(), (6.0 * point.y).cos(), (4.0 * (point.x + point.z)).sin())
 }
 
-fn frame(camera: Camera, plan: Plan) -> Tree {
+/// A frame of this plan.
+pub(super) fn frame(camera: Camera, plan: Plan) -> Tree {
     let interfaces = Interfaces(vec![Interface::Dielectric { eta: GLASS }, Interface::Dielectric { eta: 1.0 / GLASS }]);
     let mut tree = Tree::new(Pose::IDENTITY, camera, plan, interfaces);
     let nodes = tree.nodes.len();
@@ -68,6 +73,9 @@ fn frame(camera: Camera, plan: Plan) -> Tree {
         let at = direction * to_plane;
         let reflected = reflect(direction, Vec3::Y);
         put(1, pixel, at, reflected, room(at, reflected));
+        if nodes == 2 {
+            continue;
+        }
         let Some(refracted) = refract(direction, Vec3::Y, GLASS) else { continue };
         if nodes == 3 {
             put(2, pixel, at, refracted, room(at, refracted));

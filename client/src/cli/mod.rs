@@ -4,7 +4,10 @@
 
 mod bench;
 mod bench_frames;
+mod optics;
 mod replay;
+mod strip;
+mod sweep;
 
 use crate::replay::ReplayError;
 use crate::trace;
@@ -26,9 +29,11 @@ struct Arguments {
 #[derive(Debug, Subcommand)]
 enum Command {
     /// Replay a head trace against a server and write a report.
-    Replay(replay::ReplayArgs),
+    Replay(Box<replay::ReplayArgs>),
     /// Time the client's stages and the codec.
     Bench(bench::BenchArgs),
+    /// Measure accuracy against cost over one knob.
+    Sweep(sweep::SweepArgs),
     /// Look at, convert or make head traces.
     Trace(trace::cli::TraceArgs),
 }
@@ -72,6 +77,7 @@ pub fn main() -> ExitCode {
         None => replay::run(&replay::ReplayArgs::default()),
         Some(Command::Replay(arguments)) => replay::run(&arguments),
         Some(Command::Bench(arguments)) => bench::run(&arguments),
+        Some(Command::Sweep(arguments)) => sweep::run(&arguments),
         Some(Command::Trace(arguments)) => {
             trace::cli::run(&arguments).map(|text| println!("{text}")).map_err(Failure::from)
         }

@@ -1,24 +1,33 @@
 //! `replay`: the main job.
 
 use super::Failure;
+use super::optics::OpticsArgs;
+use super::strip;
+use crate::display::beside;
 use crate::embedded;
 use crate::link::LinkModel;
-use crate::replay::{Circumstances, ModelledTimes, Progress, ReplayPlan, assess, report_from, run_real, run_virtual};
+use crate::measure::compare;
+use crate::replay::{
+    AssessedRefresh, Circumstances, ModelledTimes, Progress, ReplayPlan, assess, report_from, run_real, run_virtual,
+};
 use crate::report::page::{PageInput, PictureSet, write_page};
 use crate::report::{ClockKind, summary};
 use crate::trace::Trace;
-use crate::warp::Mode;
+use crate::warp::{Mode, Normals, Solver};
 use anyhow::Context;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{Args, Parser, ValueEnum};
+use image::RgbImage;
 use indicatif::{ProgressBar, ProgressStyle};
 use std::io::IsTerminal;
 use std::path::PathBuf;
 use std::time::Duration;
+use warplight_protocol::camera::Projection;
 use warplight_protocol::frame::{FrameFormat, Plan};
+use warplight_protocol::message::Viewport;
 use warplight_protocol::{Camera, ImageSize};
 use warplight_server::scene::Scene;
-use warplight_server::service::{DEFAULT_MAX_DEPTH, Estimator, Service, ServiceOptions};
+use warplight_server::service::{DEFAULT_GUARD_DEG, DEFAULT_MAX_DEPTH, Estimator, Service, ServiceOptions, guard_deg};
 use warplight_server::session::SampleBudget;
 
 /// Compared refreshes of a replay by default: each costs a converged picture.
@@ -35,6 +44,15 @@ enum Clock {
     Real,
     /// Discrete events over a modelled link: the same seed gives the same report to the byte.
     Virtual,
+}
+
+/// What frames show.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum View {
+    /// What the display shows, and more on the sides to which the head turns.
+    Plane,
+    /// Everything around the head, on the six faces of a cube.
+    Cube,
 }
 
 /// The named formats of the planes.
@@ -61,6 +79,16 @@ pub(super) struct ReplayArgs {
     /// How a frame is brought to the pose of the display.
     #[arg(long, default_value = Mode::Specular.name(), value_parser = modes())]
     mode: Mode,
+    /// How mode `specular` searches what boundaries show: frozen-distance[:STEPS], gauss-newton[:STEPS],
+    /// descent[:STEPS], image-distance or unfolded.
+    #[arg(long, default_value = "frozen-distance", value_name = "SOLVER")]
+    solver: Solver,
+    /// Where mode `specular` has its normals from: transmitted, from-depth-gaussian or from-depth-bilateral.
+    #[arg(long, default_value = Normals::Transmitted.name(), value_name = "NORMALS")]
+    normals: Normals,
+    /// Frames before the latest that are asked for what that does not know, 0 to 4.
+    #[arg(long, default_value_t = 0, value_name = "N", value_parser = clap::value_parser!(u8).range(0..=4))]
+    earlier_frames: u8,
     /// Which clock runs.
     #[arg(long, value_enum, default_value_t = Clock::Real)]
     clock: Clock,
@@ -107,6 +135,22 @@ pub(super) struct ReplayArgs {
     /// Nodes of a frame of the embedded server, as D,R,F,FF,FFR; by default those that the scene calls for.
     #[arg(long, value_name = "NODES", conflicts_with = "connect")]
     plan: Option<Plan>,
+    /// Modes to compare, such as diffuse,specular [default: all].
+    #[arg(long, value_name = "MODES", value_delimiter = ',', value_parser = modes())]
+    modes: Vec<Mode>,
+    #[command(flatten)]
+    optics: OpticsArgs,
+    /// Also write reference, diffuse and specular side by side as PNG, from the compared refresh in which the two modes
+    /// differ most.
+    #[arg(long, value_name = "F.png")]
+    strip: Option<PathBuf>,
+    /// What frames show.
+    #[arg(long, value_enum, default_value_t = View::Plane)]
+    viewport: View,
+    /// Widest band that frames of the embedded server show beyond each side of a display that turns, in degrees; 0 for
+    /// none [default: 12].
+    #[arg(long, value_name = "MAX", conflicts_with = "connect", value_parser = guard_deg)]
+    guard_deg: Option<f64>,
     /// Formats of the planes.
     #[arg(long, value_enum, default_value_t = Format::Default)]
     format: Format,
@@ -137,7 +181,7 @@ fn modes() -> impl TypedValueParser<Value = Mode> {
     PossibleValuesParser::new(Mode::ALL.map(Mode::name)).try_map(|name| name.parse::<Mode>())
 }
 
-fn number(text: &str, expected: &str, accepts: impl Fn(f64) -> bool) -> Result<f64, String> {
+pub(super) fn number(text: &str, expected: &str, accepts: impl Fn(f64) -> bool) -> Result<f64, String> {
     match text.parse() {
         Ok(value) if accepts(value) => Ok(value),
         _ => Err(format!("expected {expected}")),
@@ -191,7 +235,7 @@ pub(super) fn run(arguments: &ReplayArgs) -> Result<(), Failure> {
             (run_real(&plan, &address, &mut progress)?, None)
         }
     };
-    let quality = assess(&recording, &plan.camera, &mut progress)?;
+    let quality = assess(&recording, &plan, &mut progress)?;
     bar.finish_and_clear();
 
     let circumstances = Circumstances {
@@ -205,8 +249,11 @@ pub(super) fn run(arguments: &ReplayArgs) -> Result<(), Failure> {
     std::fs::create_dir_all(&arguments.out).with_context(|| format!("{}", arguments.out.display()))?;
     let json_path = arguments.out.join("report.json");
     report.write(&json_path).with_context(|| format!("{}", json_path.display()))?;
+    if let Some(path) = &arguments.strip {
+        strip::write(path, &quality, &report.trace)?;
+    }
     let page_path = arguments.out.join("index.html");
-    let pictures = pictures_of(quality);
+    let pictures = pictures_of(quality)?;
     write_page(&page_path, PageInput { report: &report, pictures: &pictures })
         .with_context(|| format!("{}", page_path.display()))?;
     if arguments.json {
@@ -223,6 +270,19 @@ fn plan_of(arguments: &ReplayArgs) -> Result<ReplayPlan, Failure> {
             "--connect: a server elsewhere has a clock of its own; use --clock real".to_owned(),
         ));
     }
+    let projection = match arguments.viewport {
+        View::Plane => Projection::Perspective,
+        View::Cube => Projection::Cube,
+    };
+    let unable = arguments.modes.iter().chain([&arguments.mode]).find(|mode| !mode.shows(projection));
+    if let Some(mode) = unable {
+        let able = Mode::ALL.into_iter().filter(|mode| mode.shows(projection)).map(Mode::name);
+        return Err(Failure::Input(format!(
+            "--viewport cube: mode {} knows one plane only, expected {}",
+            mode.name(),
+            able.collect::<Vec<_>>().join(", ")
+        )));
+    }
     let trace = match &arguments.trace {
         Some(path) => Trace::read(path)?,
         None => Trace::built_in(),
@@ -233,14 +293,27 @@ fn plan_of(arguments: &ReplayArgs) -> Result<ReplayPlan, Failure> {
         Format::Default => FrameFormat::default(),
         Format::Thesis => FrameFormat::thesis(),
     };
+    let is_compared = |mode: &Mode| arguments.modes.is_empty() || arguments.modes.contains(mode);
+    if arguments.strip.is_some() && !strip::MODES.iter().all(is_compared) {
+        return Err(Failure::Input("--strip: it shows diffuse and specular, so --modes must name both".to_owned()));
+    }
     Ok(ReplayPlan {
         trace,
         duration: Duration::from_secs_f64(duration_s),
         camera: Camera::symmetric((arguments.fov_deg as f32).to_radians(), arguments.size),
         frame_hz: arguments.frame_hz,
         display_hz: arguments.display_hz,
+        viewport: match arguments.viewport {
+            View::Plane => Viewport::Plane,
+            View::Cube => Viewport::Cube,
+        },
         mode: arguments.mode,
+        solver: arguments.solver,
+        normals: arguments.normals,
+        earlier_frames: usize::from(arguments.earlier_frames),
         format,
+        modes: Mode::ALL.into_iter().filter(|mode| is_compared(mode) && mode.shows(projection)).collect(),
+        optics: arguments.optics.optics(),
         quality_every: arguments.quality_every.unwrap_or(spacing),
         quality_spp: arguments.quality_spp,
     })
@@ -261,7 +334,8 @@ fn service_of(arguments: &ReplayArgs, threads: usize, warnings: &mut Vec<String>
     };
     let (estimator, max_depth, seed) = (Estimator::default(), arguments.max_depth, arguments.seed);
     let plan = arguments.plan.clone();
-    let options = ServiceOptions { samples, estimator, max_depth, seed, threads, still_threads: 0, plan };
+    let guard_deg = arguments.guard_deg.unwrap_or(DEFAULT_GUARD_DEG);
+    let options = ServiceOptions { samples, estimator, max_depth, seed, threads, still_threads: 0, plan, guard_deg };
     Ok(Service::new(scene, options).context("starting the rendering threads")?)
 }
 
@@ -276,23 +350,31 @@ fn link_of(arguments: &ReplayArgs) -> LinkModel {
     }
 }
 
-fn pictures_of(quality: crate::replay::QualityRun) -> Vec<PictureSet> {
-    let every = quality.refreshes.len().div_ceil(MAX_PICTURE_SETS).max(1);
-    let chosen = quality.refreshes.into_iter().skip(every / 2).step_by(every);
-    chosen
-        .map(|refresh| PictureSet {
-            title: format!("{:.1} s into the trace", refresh.time.as_secs_f64()),
-            time_s: refresh.time.as_secs_f64(),
-            reference: refresh.reference,
-            modes: refresh
-                .modes
-                .into_iter()
-                .map(|mode| {
-                    (mode.mode.name().to_owned(), mode.picture, mode.compared.map.to_magma(), mode.compared.error)
-                })
-                .collect(),
-        })
-        .collect()
+fn pictures_of(quality: crate::replay::QualityRun) -> Result<Vec<PictureSet>, Failure> {
+    // The two eyes of a refresh follow each other.
+    let refreshes: Vec<&[AssessedRefresh]> = quality.refreshes.chunk_by(|a, b| a.time == b.time).collect();
+    let every = refreshes.len().div_ceil(MAX_PICTURE_SETS).max(1);
+    refreshes.into_iter().skip(every / 2).step_by(every).map(picture_set).collect()
+}
+
+/// A refresh as the page shows it: the picture of the one eye, or those of both side by side.
+fn picture_set(eyes: &[AssessedRefresh]) -> Result<PictureSet, Failure> {
+    let all =
+        |of: &dyn Fn(&AssessedRefresh) -> RgbImage| eyes.iter().map(of).reduce(|left, right| beside(&left, &right));
+    let reference = all(&|eye| eye.reference.clone()).unwrap_or_default();
+    let (first, of_both) = (&eyes[0], if eyes.len() > 1 { ", both eyes" } else { "" });
+    let mut modes = Vec::new();
+    for (index, assessment) in first.modes.iter().enumerate() {
+        let picture = all(&|eye| eye.modes[index].picture.clone()).unwrap_or_default();
+        let map = all(&|eye| eye.modes[index].compared.map.to_magma()).unwrap_or_default();
+        let error = match eyes {
+            [_] => assessment.compared.error,
+            _ => compare(&reference, &picture, None).context("comparing both eyes")?.error,
+        };
+        modes.push((assessment.mode.name().to_owned(), picture, map, error));
+    }
+    let time_s = first.time.as_secs_f64();
+    Ok(PictureSet { title: format!("{time_s:.1} s into the trace{of_both}"), time_s, reference, modes })
 }
 
 fn bar(quiet: bool) -> ProgressBar {

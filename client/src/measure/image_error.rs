@@ -23,6 +23,23 @@ pub struct Compared {
     pub map: ErrorMap,
 }
 
+impl Compared {
+    /// The metrics over the pixels under `mask` alone, of the two images that were compared.
+    ///
+    /// # Errors
+    /// A mask that does not fit or covers nothing.
+    pub fn under_mask(
+        &self,
+        reference: &RgbImage,
+        shown: &RgbImage,
+        mask: &[bool],
+    ) -> Result<ImageError, MeasureError> {
+        let mask = Some(mask);
+        let psnr_db = psnr_srgb8(reference, shown, mask)?;
+        Ok(ImageError { psnr_db, dssim: dssim(reference, shown, mask)?, flip: self.map.mean(mask)? })
+    }
+}
+
 /// Compares `shown` with `reference`, both 8-bit sRGB, under `mask` (row by row, true counts) or everywhere.
 ///
 /// # Errors
@@ -56,5 +73,17 @@ mod tests {
         assert!(near.error.psnr_db > far.error.psnr_db);
         assert!(near.error.dssim < far.error.dssim);
         assert!(near.error.flip < far.error.flip);
+    }
+
+    #[test]
+    fn under_a_mask_it_is_what_comparing_under_the_mask_says() {
+        let image = RgbImage::from_fn(64, 48, |x, y| Rgb([(4 * x) as u8, (5 * y) as u8, 80]));
+        let shown = RgbImage::from_fn(64, 48, |x, y| *image.get_pixel((x + x / 32).min(63), y));
+        let mask: Vec<bool> = (0..64 * 48).map(|pixel| pixel % 64 > 40).collect();
+        let whole = compare(&image, &shown, None).unwrap();
+        let masked = compare(&image, &shown, Some(&mask)).unwrap().error;
+        assert_eq!(whole.under_mask(&image, &shown, &mask).unwrap(), masked);
+        assert!(masked.psnr_db < whole.error.psnr_db);
+        assert!(whole.under_mask(&image, &shown, &[false; 64 * 48]).is_err());
     }
 }

@@ -7,23 +7,27 @@
 mod quality;
 mod real_clock;
 mod recording;
+mod reference;
 mod report;
+mod shown;
 mod virtual_clock;
 
-pub use quality::{QualityRun, assess};
+pub use quality::{AssessedRefresh, Assessment, QualityRun, assess};
 pub use real_clock::run as run_real;
 pub use recording::{Capture, DisplayRecord, FrameRecord, Recording};
+pub use reference::{EyeCapture, MeanOfStills};
 pub use report::{Circumstances, report_from};
 pub use virtual_clock::{ModelledTimes, run as run_virtual};
 
+use crate::display::Optics;
 use crate::session::SessionEnd;
 use crate::trace::Trace;
-use crate::warp::Mode;
+use crate::warp::{Mode, Normals, Solver, Warper};
 use std::time::Duration;
 use warplight_protocol::Camera;
 use warplight_protocol::Pose;
 use warplight_protocol::frame::FrameFormat;
-use warplight_protocol::message::{Capabilities, Hello};
+use warplight_protocol::message::{Capabilities, Hello, Viewport};
 
 /// What to replay.
 #[derive(Clone, Debug)]
@@ -32,14 +36,26 @@ pub struct ReplayPlan {
     pub trace: Trace,
     /// How much of it.
     pub duration: Duration,
-    /// Camera of frames and display.
+    /// Camera of the display.
     pub camera: Camera,
+    /// What frames show of what is around it.
+    pub viewport: Viewport,
     /// Frames asked of the server per second.
     pub frame_hz: f64,
     /// Refreshes of the display per second.
     pub display_hz: f64,
     /// What is shown.
     pub mode: Mode,
+    /// How mode `specular` searches pictures of children.
+    pub solver: Solver,
+    /// Where it has its normals from.
+    pub normals: Normals,
+    /// Frames before the latest that are kept, to be asked for what that does not know.
+    pub earlier_frames: usize,
+    /// What is compared.
+    pub modes: Vec<Mode>,
+    /// What stands between the frames and the eyes.
+    pub optics: Optics,
     /// Formats of the planes.
     pub format: FrameFormat,
     /// Every so many refreshes one is compared with the reference; 0 for none.
@@ -55,9 +71,20 @@ impl ReplayPlan {
             capabilities: Capabilities::ALL,
             software: concat!("warplight-client ", env!("CARGO_PKG_VERSION")).to_owned(),
             camera: self.camera,
+            viewport: self.viewport,
             frame_hz: self.frame_hz as f32,
             format: self.format,
         }
+    }
+
+    /// A warper as the plan wants it.
+    pub fn warper(&self) -> Warper {
+        let mut warper = Warper::default();
+        warper.set_solver(self.solver);
+        warper.set_normals(self.normals);
+        warper.set_earlier_frames(self.earlier_frames);
+        warper.set_normal_bits(self.format.normal_bits);
+        warper
     }
 
     /// Refreshes in the replay.

@@ -3,16 +3,17 @@
 //! At each refresh the head pose of that moment is read off the trace, sent, and the latest frame warped to it.
 //! The picture is on the display at the next refresh; one that is not ready by then is a miss.
 
+use super::shown::Shown;
 use super::{Capture, DisplayRecord, Progress, Recording, ReplayError, ReplayPlan};
 use crate::assemble::ReadyFrame;
+use crate::display::Display;
 use crate::net::{Command, Connection, News};
 use crate::trace::Trace;
-use crate::warp::Warper;
 use image::RgbImage;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 use warplight_protocol::Timestamp;
-use warplight_protocol::message::{FramePurpose, PoseSample, StillRequest};
+use warplight_protocol::message::{FramePurpose, PoseSample};
 
 /// A server that cannot be reached at all is given up after this; one that was lost is waited for as long.
 const PATIENCE: Duration = Duration::from_secs(10);
@@ -27,7 +28,7 @@ pub fn run(plan: &ReplayPlan, address: &str, progress: &mut dyn FnMut(Progress))
         plan,
         connection,
         trace: None,
-        latest: None,
+        shown: Shown::default(),
         recording: Recording::default(),
         lost: None,
         stills_missing: 0,
@@ -45,7 +46,7 @@ struct Player<'a> {
     plan: &'a ReplayPlan,
     connection: Connection,
     trace: Option<Trace>,
-    latest: Option<Arc<ReadyFrame>>,
+    shown: Shown,
     recording: Recording,
     lost: Option<String>,
     stills_missing: usize,
@@ -83,7 +84,7 @@ impl Player<'_> {
             return;
         }
         self.recording.frame_arrived(&frame);
-        if let Some(old) = self.latest.replace(frame) {
+        if let Some(old) = self.shown.replace(frame, self.plan.earlier_frames) {
             self.connection.tell(Command::Retire(old));
         }
     }
@@ -98,7 +99,7 @@ impl Player<'_> {
     /// The head stands still at the start of the trace until there is something to see.
     fn wait_for_first_frame(&mut self, address: &str) -> Result<(), ReplayError> {
         let deadline = self.connection.now() + PATIENCE;
-        while self.latest.is_none() {
+        while self.shown.latest().is_none() {
             let now = self.connection.now();
             if now >= deadline {
                 let why = self.lost.take().unwrap_or_else(|| "no frame arrived".to_owned());
@@ -116,9 +117,11 @@ impl Player<'_> {
     }
 
     fn play(&mut self, progress: &mut dyn FnMut(Progress)) -> Result<(), ReplayError> {
-        let mut warper = Warper::default();
+        let mut warper = self.plan.warper();
         let mut prepared = None;
-        let mut picture = RgbImage::default();
+        let (mut display, mut views) = (Display::default(), Vec::new());
+        let optics = self.plan.optics;
+        let mut pictures = [RgbImage::default(), RgbImage::default()];
         let start = self.connection.now();
         self.recording.start = start;
         let refreshes = self.plan.refreshes();
@@ -126,7 +129,7 @@ impl Player<'_> {
             let refresh = start + self.plan.refresh_time(number);
             self.connection.sleep_until(refresh);
             self.drain_news()?;
-            let (Some(trace), Some(frame)) = (&self.trace, &self.latest) else { continue };
+            let (Some(trace), Some(frame)) = (&self.trace, self.shown.latest()) else { continue };
             let time = self.plan.refresh_time(number);
             let display_pose = trace.pose_at(time.as_secs_f64());
             let sampled = self.connection.now();
@@ -140,7 +143,11 @@ impl Player<'_> {
                 prepared = Some(frame.begin.id);
             }
             let exposure = frame.begin.shape.exposure;
-            warper.show(self.plan.mode, &frame.tree, &display_pose, &self.plan.camera, exposure, &mut picture);
+            let head_before = |before_secs: f64| trace.pose_at(time.as_secs_f64() - before_secs);
+            for (&eye, picture) in optics.eyes().iter().zip(&mut pictures) {
+                optics.views(eye, head_before, &self.plan.camera, &mut views);
+                display.show(&optics, &mut warper, self.plan.mode, &frame.tree, &views, exposure, picture);
+            }
             let warped = self.connection.now();
             let frame = frame.clone();
             self.record(number, &frame, sampled, warped, refresh);
@@ -160,7 +167,8 @@ impl Player<'_> {
         refresh: Timestamp,
     ) {
         let time = self.plan.refresh_time(number);
-        let Some(display_pose) = self.trace.as_ref().map(|trace| trace.pose_at(time.as_secs_f64())) else { return };
+        let Some(trace) = &self.trace else { return };
+        let display_pose = trace.pose_at(time.as_secs_f64());
         let interval = self.plan.refresh_interval();
         // On the display at the first refresh after the warp.
         let intervals = (warped.since(refresh).as_secs_f64() / interval.as_secs_f64()).ceil().max(1.0);
@@ -175,26 +183,26 @@ impl Player<'_> {
         });
         self.recording.frame_shown(frame.begin.id, warped, presented, display_pose);
         if (self.recording.captures.len() as u64) < self.plan.comparisons_by(number) {
-            let frame = frame.clone();
-            self.recording.captures.push(Capture { time, scene_time: sampled, display_pose, frame, reference: None });
+            self.recording.captures.extend(Capture::new(self.plan, trace, time, sampled, &self.shown));
         }
     }
 
-    /// Asks for the converged picture of every compared refresh, and for the first of them once more.
+    /// Asks for all stills that the references need.
     fn fetch_references(&mut self, progress: &mut dyn FnMut(Progress)) -> Result<(), ReplayError> {
-        let views = self.recording.reference_views();
-        let (total, spp) = (views.len() as u64, self.plan.quality_spp);
-        for (number, (pose, scene_time)) in (0_u32..).zip(views) {
+        let requests = self.recording.reference_requests(self.plan);
+        let total = requests.len() as u64;
+        for request in requests {
+            let number = request.number;
             progress(Progress::Reference(u64::from(number), total));
             self.stills_missing = 1;
-            self.connection.tell(Command::Still(StillRequest { number, pose, scene_time, spp }));
+            self.connection.tell(Command::Still(request));
             let deadline = self.connection.now() + STILL_PATIENCE;
             while self.stills_missing > 0 {
                 if let Some(news) = self.connection.wait_for_news(Duration::from_millis(100)) {
                     self.on_news(news)?;
                 }
                 if self.lost.is_some() || self.connection.now() >= deadline {
-                    tracing::warn!("the reference at refresh {number} did not arrive");
+                    tracing::warn!("still {number} of {total} for the references did not arrive");
                     return Ok(());
                 }
             }

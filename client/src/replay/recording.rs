@@ -1,14 +1,13 @@
 //! What happened in a replay, as plain records in the order of time.
 
+use super::reference::{EyeCapture, MeanOfStills, Wanted};
 use crate::assemble::{BytesPerPlane, ReadyFrame};
 use crate::measure::{FrameTimes, Stage};
-use image::RgbImage;
 use std::sync::Arc;
 use std::time::Duration;
-use warplight_protocol::frame::{FrameId, Plan, Tree};
+use warplight_protocol::frame::{FrameId, Plan};
 use warplight_protocol::message::{Statistics, Welcome};
-use warplight_protocol::tone::display_from_radiance;
-use warplight_protocol::{Pose, Timestamp};
+use warplight_protocol::{Camera, Pose, Timestamp};
 
 /// One refresh of the display.
 #[derive(Clone, Debug, PartialEq)]
@@ -42,6 +41,8 @@ pub struct FrameRecord {
     pub horizon: Duration,
     /// Where it was rendered for.
     pub render_pose: Pose,
+    /// What it shows.
+    pub camera: Camera,
     /// Whether it was shown.
     pub shown: bool,
     /// Where the head really was when it was shown first.
@@ -59,8 +60,10 @@ pub struct Capture {
     pub display_pose: Pose,
     /// The frame that was shown.
     pub frame: Arc<ReadyFrame>,
-    /// The server's converged picture, once it is there.
-    pub reference: Option<RgbImage>,
+    /// Those before it that were kept, the newest first.
+    pub earlier: Vec<Arc<ReadyFrame>>,
+    /// What each eye sees, and its reference.
+    pub eyes: Vec<EyeCapture>,
 }
 
 /// Everything that was noted.
@@ -77,7 +80,9 @@ pub struct Recording {
     /// Compared refreshes, in order.
     pub captures: Vec<Capture>,
     /// A second reference of the first capture, by other samples.
-    pub second_reference: Option<RgbImage>,
+    pub second_reference: MeanOfStills,
+    /// What the stills are for, by their numbers.
+    pub(super) wanted: Vec<Wanted>,
     /// The server's totals.
     pub statistics: Statistics,
     /// Bytes of the planes of all frames.
@@ -139,6 +144,7 @@ impl Recording {
             spp: end.spp,
             horizon: Duration::from_micros(u64::from(frame.begin.horizon_micros)),
             render_pose: frame.begin.render_pose,
+            camera: frame.begin.shape.camera,
             shown: false,
             pose_when_shown: None,
         });
@@ -153,28 +159,6 @@ impl Recording {
             record.pose_when_shown = Some(true_pose);
             record.times.record(Stage::Warped, warped);
             record.times.record(Stage::Presented, presented);
-        }
-    }
-}
-
-impl Recording {
-    /// Poses and instants whose reference is needed, by the number of the request: every capture's, and the first's
-    /// again.
-    pub fn reference_views(&self) -> Vec<(Pose, Timestamp)> {
-        let captures = self.captures.iter().chain(self.captures.first());
-        captures.map(|capture| (capture.display_pose, capture.scene_time)).collect()
-    }
-
-    /// Takes in the answer to a request.
-    pub fn reference_arrived(&mut self, number: u32, still: &Tree, exposure: f32) {
-        let size = still.camera.size;
-        let mut picture = RgbImage::new(size.width, size.height);
-        for (pixel, code) in picture.pixels_mut().enumerate() {
-            code.0 = display_from_radiance(still.nodes[0].radiance_at(pixel), exposure);
-        }
-        match self.captures.get_mut(number as usize) {
-            Some(capture) => capture.reference = Some(picture),
-            None => self.second_reference = Some(picture),
         }
     }
 }

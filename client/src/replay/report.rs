@@ -1,15 +1,19 @@
 //! From records to the report: sums and percentiles, nothing else.
 
-use super::{FrameRecord, QualityRun, Recording, ReplayPlan};
+use super::{AssessedRefresh, Assessment, FrameRecord, QualityRun, Recording, ReplayPlan};
+use crate::display::{Eye, Optics};
 use crate::link::LinkModel;
-use crate::measure::{Interval, Percentiles, Stage};
+use crate::measure::{ImageError, Interval, Percentiles, Stage};
 use crate::report::{
-    ClockKind, ClockOffset, Display, DisplaySeries, FrameSeries, Latency, Link, ModeQuality, Prediction, QualitySeries,
-    Reference, Report, SCHEMA, Series, doubts,
+    ClockKind, ClockOffset, Display, DisplaySeries, EyeQuality, FrameSeries, Latency, Link, ModeQuality, NodeReport,
+    OpticsUsed, Prediction, QualitySeries, Reference, Report, SCHEMA, Series, SpecularQuality, SpecularReport,
+    Viewport, doubts,
 };
-use crate::warp::Mode;
+use crate::warp::{Mode, NodeStatistics};
 use std::collections::BTreeMap;
 use std::time::Duration;
+use warplight_protocol::Camera;
+use warplight_protocol::camera::Projection;
 
 /// What the records themselves do not say.
 #[derive(Clone, Debug)]
@@ -49,10 +53,16 @@ pub fn report_from(
         },
         latency_ms: latency(recording, circumstances.clock),
         prediction: prediction(recording),
+        viewport: viewport(plan, recording),
         link: link(plan, recording, circumstances.link),
-        quality: Mode::ALL.into_iter().map(|mode| mode_quality(quality, mode)).collect(),
-        reference: (!quality.refreshes.is_empty())
-            .then(|| Reference { spp: u64::from(plan.quality_spp), noise_psnr_db: quality.noise_psnr_db }),
+        optics: optics(&plan.optics),
+        quality: plan.modes.iter().map(|&mode| mode_quality(quality, mode)).collect(),
+        reference: (!quality.refreshes.is_empty()).then(|| Reference {
+            spp: u64::from(plan.quality_spp),
+            noise_psnr_db: quality.noise_psnr_db,
+            specular_noise_psnr_db: quality.specular_noise_psnr_db,
+        }),
+        specular: specular(plan, recording, quality),
         counters: recording.statistics.counters.iter().cloned().collect(),
         warnings: circumstances.warnings,
         series: series(recording, quality),
@@ -144,7 +154,12 @@ fn prediction(recording: &Recording) -> Prediction {
     let horizon = spread(recording.frames.iter().map(|frame| millis(frame.horizon)));
     Prediction {
         horizon_ms: horizon.map_or(0.0, |horizon| horizon.mean),
-        error_deg: spread(shown().map(|(frame, pose)| frame.render_pose.angle_to(&pose).to_degrees())),
+        // The orientation of a cube is none that was predicted.
+        error_deg: spread(
+            shown()
+                .filter(|(frame, _)| frame.camera.projection == Projection::Perspective)
+                .map(|(frame, pose)| frame.render_pose.angle_to(&pose).to_degrees()),
+        ),
         error_mm: spread(shown().map(|(frame, pose)| (frame.render_pose.position - pose.position).length() * 1e3)),
     }
 }
@@ -173,17 +188,101 @@ fn link(plan: &ReplayPlan, recording: &Recording, model: Option<LinkModel>) -> L
     }
 }
 
+fn optics(optics: &Optics) -> Option<OpticsUsed> {
+    (*optics != Optics::default()).then(|| OpticsUsed {
+        eye_distance_mm: optics.eye_distance_m.map(|metres| metres * 1e3),
+        aperture_mm: optics.lens.map(|lens| lens.aperture_m * 1e3),
+        focus_m: optics.lens.map(|lens| lens.focus_m),
+        shutter_ms: optics.shutter.map(|shutter| millis(shutter.open)),
+        samples: optics.samples() as u64,
+        smooth_edges: optics.smooth_edges,
+    })
+}
+
+/// Spreads of the three metrics.
+fn spreads<'a>(errors: impl Iterator<Item = &'a ImageError> + Clone) -> EyeQuality {
+    EyeQuality {
+        psnr_db: spread(errors.clone().map(|error| error.psnr_db)),
+        dssim: spread(errors.clone().map(|error| error.dssim)),
+        flip: spread(errors.map(|error| error.flip)),
+    }
+}
+
+fn viewport(plan: &ReplayPlan, recording: &Recording) -> Viewport {
+    let display = &plan.camera;
+    let cameras = || recording.frames.iter().map(|frame| &frame.camera);
+    Viewport {
+        guard_deg: spread(
+            cameras()
+                .filter(|frame| frame.projection == Projection::Perspective)
+                .map(|frame| guard_deg(display, frame)),
+        ),
+        pixels_per_display_pixel: spread(
+            cameras().map(|frame| frame.size.pixels() as f64 / display.size.pixels().max(1) as f64),
+        ),
+    }
+}
+
+/// What a frame shows beyond the side of the display at which it shows most.
+fn guard_deg(display: &Camera, frame: &Camera) -> f64 {
+    let beyond = |frame: f32, display: f32| f64::from(frame.abs()).atan() - f64::from(display.abs()).atan();
+    let (frame, display) = (&frame.fov, &display.fov);
+    let sides = [
+        beyond(frame.left, display.left),
+        beyond(frame.right, display.right),
+        beyond(frame.down, display.down),
+        beyond(frame.up, display.up),
+    ];
+    sides.into_iter().fold(0.0, f64::max).to_degrees()
+}
+
 fn mode_quality(quality: &QualityRun, mode: Mode) -> ModeQuality {
-    let all =
-        || quality.refreshes.iter().flat_map(|refresh| &refresh.modes).filter(|assessment| assessment.mode == mode);
+    let all = || {
+        let of_refresh = |refresh: &'_ AssessedRefresh| (refresh.eye, refresh.specular_fraction);
+        let with_mode = move |assessment: &&Assessment| assessment.mode == mode;
+        quality.refreshes.iter().flat_map(move |refresh| {
+            refresh.modes.iter().filter(with_mode).map(move |assessment| (of_refresh(refresh), assessment))
+        })
+    };
+    let EyeQuality { psnr_db, dssim, flip } = spreads(all().map(|(_, assessment)| &assessment.compared.error));
+    let of_specular = spreads(all().filter_map(|(_, assessment)| assessment.specular.as_ref()));
+    let fraction = spread(all().filter(|(_, assessment)| assessment.specular.is_some()).map(|((_, part), _)| part));
+    let mut eyes = BTreeMap::new();
+    for eye in [Eye::Left, Eye::Right] {
+        let of_eye =
+            all().filter(|((seen_by, _), _)| *seen_by == eye).map(|(_, assessment)| &assessment.compared.error);
+        if of_eye.clone().next().is_some() {
+            eyes.insert(eye.name().to_owned(), spreads(of_eye));
+        }
+    }
     ModeQuality {
         mode: mode.name().to_owned(),
-        psnr_db: spread(all().map(|assessment| assessment.compared.error.psnr_db)),
-        dssim: spread(all().map(|assessment| assessment.compared.error.dssim)),
-        flip: spread(all().map(|assessment| assessment.compared.error.flip)),
-        hole_fraction: spread(all().map(|assessment| assessment.statistics.hole_fraction)),
+        psnr_db,
+        dssim,
+        flip,
+        hole_fraction: spread(all().map(|(_, assessment)| assessment.statistics.hole_fraction)),
         compared_frames: all().count() as u64,
+        specular: fraction.map(|_| SpecularQuality {
+            psnr_db: of_specular.psnr_db,
+            dssim: of_specular.dssim,
+            flip: of_specular.flip,
+            pixel_fraction: fraction,
+        }),
+        eyes,
     }
+}
+
+/// How mode `specular` was set, and what its nodes lacked.
+fn specular(plan: &ReplayPlan, recording: &Recording, quality: &QualityRun) -> SpecularReport {
+    let of_mode = |assessment: &&Assessment| assessment.mode == Mode::Specular;
+    let refreshes: Vec<&[NodeStatistics]> = quality
+        .refreshes
+        .iter()
+        .filter_map(|refresh| refresh.modes.iter().find(of_mode))
+        .map(|assessment| &assessment.statistics.nodes[..])
+        .collect();
+    let nodes = recording.plan.as_ref().map_or_else(Vec::new, |plan| NodeReport::of(plan, &refreshes));
+    SpecularReport { solver: plan.solver.to_string(), normals: plan.normals.name().to_owned(), nodes }
 }
 
 fn series(recording: &Recording, quality: &QualityRun) -> Series {
@@ -204,6 +303,7 @@ fn series(recording: &Recording, quality: &QualityRun) -> Series {
         for assessment in &refresh.modes {
             let series = by_mode.entry(assessment.mode.name().to_owned()).or_default();
             series.time_s.push(refresh.time.as_secs_f64());
+            series.specular_psnr_db.push(assessment.specular.map(|error| error.psnr_db));
             series.psnr_db.push(assessment.compared.error.psnr_db);
             series.dssim.push(assessment.compared.error.dssim);
             series.flip.push(assessment.compared.error.flip);
@@ -218,7 +318,7 @@ mod tests {
     use super::*;
     use crate::measure::FrameTimes;
     use warplight_protocol::frame::FrameId;
-    use warplight_protocol::{Pose, Timestamp};
+    use warplight_protocol::{ImageSize, Pose, Timestamp};
 
     /// A frame of a server whose clock is `ahead` of the client's: 10 ms up, 80 ms of rendering, 20 ms down.
     fn frame(client_micros: i64, ahead_micros: i64) -> FrameRecord {
@@ -236,6 +336,7 @@ mod tests {
             spp: 1,
             horizon,
             render_pose,
+            camera: Camera::symmetric(1.0, ImageSize::new(1, 1)),
             shown: false,
             pose_when_shown: None,
         }

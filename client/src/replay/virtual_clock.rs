@@ -4,6 +4,7 @@
 //! Frames are really rendered, encoded and decoded; only what that *takes* is modelled ([`ModelledTimes`]),
 //! as is the link. The warp of refreshes that nobody compares is not computed.
 
+use super::shown::Shown;
 use super::{Capture, DisplayRecord, Progress, Recording, ReplayError, ReplayPlan};
 use crate::assemble::{Assembler, ReadyFrame};
 use crate::link::{Link, LinkModel};
@@ -15,7 +16,7 @@ use std::time::Duration;
 use warplight_protocol::Timestamp;
 use warplight_protocol::codec::{DecodeError, Limits};
 use warplight_protocol::frame::FrameId;
-use warplight_protocol::message::{FrameBegin, FramePurpose, PoseSample, StillRequest};
+use warplight_protocol::message::{FrameBegin, FramePurpose, PoseSample};
 use warplight_server::service::Service;
 use warplight_server::session::ServerSession;
 use warplight_server::stream::{FrameStream, STRIP_ROWS};
@@ -83,7 +84,7 @@ struct World<'a> {
     server_work: VecDeque<(Timestamp, ServerWork)>,
     decoding: VecDeque<(Timestamp, Arc<ReadyFrame>)>,
     trace: Option<Trace>,
-    latest: Option<Arc<ReadyFrame>>,
+    shown: Shown,
     recording: Recording,
     references_missing: usize,
 }
@@ -110,7 +111,7 @@ impl<'a> World<'a> {
             server_work: VecDeque::new(),
             decoding: VecDeque::new(),
             trace: None,
-            latest: None,
+            shown: Shown::default(),
             recording: Recording::default(),
             references_missing: 0,
         }
@@ -119,7 +120,7 @@ impl<'a> World<'a> {
     /// The head stands still at the start of the trace until there is something to see.
     fn wait_for_first_frame(&mut self) -> Result<(), ReplayError> {
         let deadline = self.now + PATIENCE;
-        while self.latest.is_none() {
+        while self.shown.latest().is_none() {
             if self.now >= deadline {
                 return Err(ReplayError::NoFrame(PATIENCE));
             }
@@ -258,8 +259,9 @@ impl<'a> World<'a> {
         Ok(())
     }
 
+    /// Of the frame that is being put together, which may be larger than the display.
     fn strip_decode_time(&self) -> Duration {
-        let size = self.plan.camera.size;
+        let size = self.assembler.size().unwrap_or(self.plan.camera.size);
         let pixels = u32::from(STRIP_ROWS).min(size.height) * size.width;
         Duration::from_secs_f64(self.times.decode_ns_per_pixel * 1e-9 * f64::from(pixels))
     }
@@ -273,7 +275,7 @@ impl<'a> World<'a> {
         }
         self.client.acknowledge(frame.begin.id, self.now.since(frame.begin.pose_time));
         self.recording.frame_arrived(&frame);
-        if let Some(old) = self.latest.replace(frame) {
+        if let Some(old) = self.shown.replace(frame, self.plan.earlier_frames) {
             self.assembler.retire(old);
         }
     }
@@ -295,11 +297,12 @@ impl<'a> World<'a> {
     }
 
     fn refresh(&mut self, number: u64) {
-        let (Some(trace), Some(frame)) = (&self.trace, &self.latest) else { return };
+        let (Some(trace), Some(frame)) = (&self.trace, self.shown.latest()) else { return };
         let time = self.plan.refresh_time(number);
         let display_pose = trace.pose_at(time.as_secs_f64());
         self.client.push_pose(PoseSample { time: self.now, pose: display_pose });
-        let pixels = self.plan.camera.size.pixels() as f64;
+        let warps = self.plan.optics.eyes().len() * self.plan.optics.samples();
+        let pixels = (self.plan.camera.size.pixels() * warps) as f64;
         let warp = Duration::from_secs_f64(self.times.warp_ns_per_pixel * 1e-9 * pixels);
         let interval = self.plan.refresh_interval();
         // Shown at the next refresh, or at the first one after the warp.
@@ -316,19 +319,18 @@ impl<'a> World<'a> {
         });
         self.recording.frame_shown(frame.begin.id, self.now + warp, presented, display_pose);
         if (self.recording.captures.len() as u64) < self.plan.comparisons_by(number) {
-            let frame = frame.clone();
-            self.recording.captures.push(Capture { time, scene_time: self.now, display_pose, frame, reference: None });
+            self.recording.captures.extend(Capture::new(self.plan, trace, time, self.now, &self.shown));
         }
     }
 
-    /// Asks for the converged picture of every compared refresh, and for the first of them once more.
+    /// Asks for all stills that the references need.
     fn fetch_references(&mut self, progress: &mut dyn FnMut(Progress)) -> Result<(), ReplayError> {
-        let views = self.recording.reference_views();
-        let (total, spp) = (views.len() as u64, self.plan.quality_spp);
-        for (number, (pose, scene_time)) in (0_u32..).zip(views) {
-            self.client.request_still(StillRequest { number, pose, scene_time, spp });
+        let requests = self.recording.reference_requests(self.plan);
+        let total = requests.len() as u64;
+        for request in requests {
+            self.client.request_still(request);
             self.references_missing = 1;
-            progress(Progress::Reference(u64::from(number), total));
+            progress(Progress::Reference(u64::from(request.number), total));
             while self.references_missing > 0 {
                 self.run_until(self.now + Duration::from_millis(100))?;
             }

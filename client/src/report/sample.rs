@@ -2,8 +2,8 @@
 
 use super::page::PictureSet;
 use super::{
-    ClockKind, Display, DisplaySeries, FrameSeries, Latency, Link, ModeQuality, Prediction, QualitySeries, Reference,
-    Report, SCHEMA, Series, doubts,
+    ClockKind, Display, DisplaySeries, FrameSeries, Latency, Link, ModeQuality, NodeReport, Prediction, QualitySeries,
+    Reference, Report, SCHEMA, Series, SpecularQuality, SpecularReport, Viewport, doubts,
 };
 use crate::measure::{Percentiles, compare};
 use image::{Rgb, RgbImage};
@@ -12,7 +12,8 @@ use std::collections::BTreeMap;
 const SECONDS: f64 = 10.0;
 const HZ: f64 = 90.0;
 /// Name and how far the mode is from the reference.
-const MODES: [(&str, f64); 4] = [("none", 1.0), ("rotation", 0.55), ("diffuse", 0.3), ("specular", 0.07)];
+const MODES: [(&str, f64); 6] =
+    [("none", 1.0), ("rotation", 0.55), ("planar", 0.5), ("diffuse", 0.3), ("mesh", 0.33), ("specular", 0.07)];
 
 fn spread(samples: &[f64]) -> Option<Percentiles> {
     Percentiles::from_samples(samples).ok()
@@ -61,6 +62,7 @@ pub(super) fn sound_report() -> Report {
     let quality_times: Vec<f64> = (0..60).map(|index| f64::from(index) * SECONDS / 60.0).collect();
     let quality_series = |error: f64| QualitySeries {
         psnr_db: quality_times.iter().map(|t| 33.0 - 14.0 * error - 3.0 * (error + 0.1) * (1.3 * t).sin()).collect(),
+        specular_psnr_db: quality_times.iter().map(|t| Some(28.0 - 14.0 * error - 3.0 * (1.3 * t).sin())).collect(),
         dssim: quality_times.iter().map(|t| 0.12 * error * (1.2 + (1.3 * t).sin())).collect(),
         flip: quality_times.iter().map(|t| 0.01 + 0.16 * error * (1.3 + (1.3 * t + 0.4).sin())).collect(),
         hole_fraction: quality_times.iter().map(|t| 0.006 * error * (1.0 + (2.0 * t).cos())).collect(),
@@ -75,6 +77,13 @@ pub(super) fn sound_report() -> Report {
         flip: spread(&quality[mode].flip),
         hole_fraction: spread(&quality[mode].hole_fraction),
         compared_frames: 60,
+        specular: Some(SpecularQuality {
+            psnr_db: spread(&quality[mode].psnr_db.iter().map(|psnr| psnr - 5.0).collect::<Vec<_>>()),
+            dssim: spread(&quality[mode].dssim.iter().map(|dssim| dssim * 2.0).collect::<Vec<_>>()),
+            flip: spread(&quality[mode].flip.iter().map(|flip| flip * 2.0).collect::<Vec<_>>()),
+            pixel_fraction: spread(&tailed(60, 0.22, 9.0)),
+        }),
+        eyes: BTreeMap::new(),
     };
     Report {
         schema: SCHEMA,
@@ -84,6 +93,7 @@ pub(super) fn sound_report() -> Report {
         clock: ClockKind::Virtual,
         size: [640, 480],
         mode: "diffuse".into(),
+        optics: None,
         effects: ["reflection", "refraction", "absorption", "diffuse"].map(String::from).to_vec(),
         display: Display { hz: HZ, frames: frames as u64, missed: 3 },
         latency_ms: Latency {
@@ -100,6 +110,10 @@ pub(super) fn sound_report() -> Report {
             error_deg: spread(&tailed(300, 0.9, 3.0)),
             error_mm: spread(&tailed(300, 3.1, 4.0)),
         },
+        viewport: Viewport {
+            guard_deg: spread(&tailed(300, 3.1, 6.0)),
+            pixels_per_display_pixel: spread(&tailed(300, 1.2, 7.0)),
+        },
         link: Link {
             down_bytes: 11_260_310,
             up_bytes: 91_204,
@@ -114,7 +128,19 @@ pub(super) fn sound_report() -> Report {
             planes: planes.into_iter().map(|(name, bytes)| (name.to_owned(), bytes)).collect(),
         },
         quality: MODES.into_iter().map(|(mode, _)| mode_quality(mode)).collect(),
-        reference: Some(Reference { spp: 1024, noise_psnr_db: Some(44.2) }),
+        reference: Some(Reference { spp: 1024, noise_psnr_db: Some(44.2), specular_noise_psnr_db: Some(41.0) }),
+        specular: SpecularReport {
+            solver: "frozen-distance".into(),
+            normals: "transmitted".into(),
+            nodes: [("D", 1.0), ("R", 0.3), ("F", 0.2)]
+                .into_iter()
+                .filter_map(|(node, seen)| {
+                    let of = |mean| spread(&tailed(60, mean, seen));
+                    let (seen, undefined, filled) = (of(seen)?, of(0.01 / seen)?, of(0.02 / seen)?);
+                    Some(NodeReport { node: node.into(), seen, undefined, filled })
+                })
+                .collect(),
+        },
         counters: [
             ("rays.primary", 92_160_000),
             ("rays.reflect", 31_004_112),

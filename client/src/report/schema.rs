@@ -3,7 +3,7 @@
 //! Milliseconds, degrees, millimetres, bytes and megabits per second (10^6), as the names say. A spread that
 //! nothing was measured for is `null`, never zero. Maps are ordered, so equal reports are equal bytes.
 
-use super::Series;
+use super::{Series, SpecularReport};
 use crate::measure::Percentiles;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -36,12 +36,20 @@ pub struct Report {
     pub latency_ms: Latency,
     /// How well the head pose was predicted.
     pub prediction: Prediction,
+    /// What frames showed beyond the display.
+    pub viewport: Viewport,
     /// What went over the link.
     pub link: Link,
-    /// Image error of every mode, in the order they are shown.
+    /// What stands between frames and eyes; `null` for a pinhole.
+    #[serde(default)]
+    pub optics: Option<OpticsUsed>,
+    /// Image error of every mode that was compared, in the order they are shown.
     pub quality: Vec<ModeQuality>,
     /// The reference that quality is measured against.
     pub reference: Option<Reference>,
+    /// How mode `specular` was set, and what its nodes lacked.
+    #[serde(default)]
+    pub specular: SpecularReport,
     /// Rays, volume steps and other work, by name.
     pub counters: BTreeMap<String, u64>,
     /// Reasons to doubt this report; see [`super::doubts`].
@@ -116,6 +124,15 @@ pub struct Prediction {
     pub error_mm: Option<Percentiles>,
 }
 
+/// What frames showed beyond the display.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Viewport {
+    /// Width of a frame's guard band on its widest side, in degrees; `null` for cubes, which show everything.
+    pub guard_deg: Option<Percentiles>,
+    /// Pixels of a frame for each of the display.
+    pub pixels_per_display_pixel: Option<Percentiles>,
+}
+
 /// What went over the link.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Link {
@@ -158,6 +175,84 @@ pub struct ModeQuality {
     pub hole_fraction: Option<Percentiles>,
     /// Display frames that were compared.
     pub compared_frames: u64,
+    /// The same over the pixels of the reference that show a specular surface; `null` where there are none.
+    #[serde(default)]
+    pub specular: Option<SpecularQuality>,
+    /// By eye, where each has a picture of its own; empty else.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub eyes: BTreeMap<String, EyeQuality>,
+}
+
+/// Image error of one mode over those pixels of the reference that show a specular surface: whose root has a mirror,
+/// water or glass.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct SpecularQuality {
+    /// PSNR in dB.
+    pub psnr_db: Option<Percentiles>,
+    /// `(1 - SSIM) / 2` on luminance; windows reach over the border of such surfaces.
+    pub dssim: Option<Percentiles>,
+    /// Mean FLIP.
+    pub flip: Option<Percentiles>,
+    /// Those pixels as a part of all, 0 to 1.
+    pub pixel_fraction: Option<Percentiles>,
+}
+
+/// Image error of one mode and eye.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct EyeQuality {
+    /// PSNR in dB.
+    pub psnr_db: Option<Percentiles>,
+    /// `(1 - SSIM) / 2` on luminance.
+    pub dssim: Option<Percentiles>,
+    /// Mean FLIP.
+    pub flip: Option<Percentiles>,
+}
+
+/// What made more than a pinhole's picture of each frame.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct OpticsUsed {
+    /// Distance of the eyes in millimetres; `null` for one picture.
+    pub eye_distance_mm: Option<f64>,
+    /// Diameter of the lens in millimetres; `null` for a pinhole.
+    pub aperture_mm: Option<f64>,
+    /// Depth in focus in metres.
+    pub focus_m: Option<f64>,
+    /// How long the shutter is open, in milliseconds; `null` for an instant.
+    pub shutter_ms: Option<f64>,
+    /// Warps that each picture is the mean of.
+    pub samples: u64,
+    /// Whether edges are smoothed, in what is displayed and in the reference.
+    pub smooth_edges: bool,
+}
+
+impl OpticsUsed {
+    /// A sentence or two for people.
+    pub fn in_words(&self) -> String {
+        let mut parts = Vec::new();
+        if let Some(distance_mm) = self.eye_distance_mm {
+            parts.push(format!("for two eyes {distance_mm:.0} mm apart"));
+        }
+        if let (Some(aperture_mm), Some(focus_m)) = (self.aperture_mm, self.focus_m) {
+            parts.push(format!("through a lens of {aperture_mm:.1} mm focused at {focus_m:.2} m"));
+        }
+        if let Some(shutter_ms) = self.shutter_ms {
+            parts.push(format!("with a shutter that is open for {shutter_ms:.1} ms"));
+        }
+        let mut text = if parts.is_empty() {
+            String::new()
+        } else {
+            let samples = self.samples;
+            let pictures = parts.join(", ");
+            format!(
+                "All pictures are made from one frame {pictures}, as the mean of {samples} warp(s) each; references likewise."
+            )
+        };
+        if self.smooth_edges {
+            text += if text.is_empty() { "" } else { " " };
+            text += "Edges are smoothed, in what is displayed and in the reference.";
+        }
+        text
+    }
 }
 
 /// The reference that quality is measured against.
@@ -168,4 +263,7 @@ pub struct Reference {
     /// PSNR in dB between the reference and one more rendering with as many other samples: no mode can be
     /// told from perfect beyond this. `null` where it was not measured.
     pub noise_psnr_db: Option<f64>,
+    /// The same over the pixels that show a specular surface.
+    #[serde(default)]
+    pub specular_noise_psnr_db: Option<f64>,
 }

@@ -43,6 +43,9 @@ pub struct QualitySeries {
     pub time_s: Vec<f64>,
     /// PSNR in dB.
     pub psnr_db: Vec<f64>,
+    /// The same over the pixels that show a specular surface; `null` where there are none.
+    #[serde(default)]
+    pub specular_psnr_db: Vec<Option<f64>>,
     /// `(1 - SSIM) / 2`.
     pub dssim: Vec<f64>,
     /// Mean FLIP.

@@ -21,16 +21,22 @@ pub fn summary(report: &Report, page_path: &Path) -> String {
     let (shown, sent, mbps) = (link.frames_shown, link.frames_sent, link.down_mbps);
     row("link", format!("{mbps:.1} Mbit/s down, {shown} of {sent} frames shown"));
     row("missed refreshes", format!("{} of {}", report.display.missed, report.display.frames));
+    let has_specular = report.quality.iter().any(|quality| quality.specular.is_some());
     if !report.quality.is_empty() {
-        row("\n  quality (median)", "PSNR dB   DSSIM    FLIP   holes".into());
+        let behind = if has_specular { "   specular pixels: PSNR dB   DSSIM    FLIP" } else { "" };
+        row("\n  quality (median)", format!("PSNR dB   DSSIM    FLIP   holes{behind}"));
     }
     for quality in &report.quality {
         let median = |spread: Option<Percentiles>, scale: f64, digits: usize| {
             spread.map_or("-".into(), |spread| format!("{:.digits$}", spread.p50 * scale))
         };
+        let specular = quality.specular.map_or(String::new(), |specular| {
+            let (psnr, dssim) = (median(specular.psnr_db, 1.0, 2), median(specular.dssim, 1.0, 4));
+            format!("{psnr:>26} {dssim:>7} {:>7}", median(specular.flip, 1.0, 4))
+        });
         let (psnr, dssim) = (median(quality.psnr_db, 1.0, 2), median(quality.dssim, 1.0, 4));
         let (flip, holes) = (median(quality.flip, 1.0, 4), median(quality.hole_fraction, 100.0, 1));
-        row(&quality.mode, format!("{psnr:>7} {dssim:>7} {flip:>7} {holes:>5} %"));
+        row(&quality.mode, format!("{psnr:>7} {dssim:>7} {flip:>7} {holes:>5} %{specular}"));
     }
     for warning in &report.warnings {
         let _ = writeln!(text, "\n  warning: {warning}");

@@ -149,8 +149,16 @@ mod tests {
         doubted(|report| report.link.reconnects = 2, "made again 2 time(s)");
         doubted(|report| report.quality.clear(), "quality is unknown");
         doubted(|report| report.quality[0].compared_frames = 3, "3 compared frames");
-        doubted(|report| report.reference = Some(Reference { spp: 16, noise_psnr_db: None }), "was not measured");
-        doubted(|report| report.reference = Some(Reference { spp: 16, noise_psnr_db: Some(25.0) }), "own noise");
+        doubted(
+            |report| report.reference = Some(Reference { spp: 16, noise_psnr_db: None, specular_noise_psnr_db: None }),
+            "was not measured",
+        );
+        doubted(
+            |report| {
+                report.reference = Some(Reference { spp: 16, noise_psnr_db: Some(25.0), specular_noise_psnr_db: None })
+            },
+            "own noise",
+        );
         let offset = |drift_ppm, error_ms| Some(ClockOffset { offset_ms: 1.0, error_ms, drift_ppm });
         doubted(|report| report.latency_ms.clock_offset = offset(90.0, 0.1), "drift by 90 ppm");
         doubted(|report| report.latency_ms.clock_offset = offset(0.0, 20.0), "is known to 20.00 ms only");

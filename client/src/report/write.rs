@@ -15,10 +15,7 @@ impl Report {
     /// # Errors
     /// What serde_json refuses; nothing in a report is of that kind.
     pub fn to_json(&self) -> Result<String, serde_json::Error> {
-        let mut bytes = Vec::new();
-        self.serialize(&mut Serializer::with_formatter(&mut bytes, Rounded::default()))?;
-        bytes.push(b'\n');
-        String::from_utf8(bytes).map_err(serde::ser::Error::custom)
+        rounded_json(self)
     }
 
     /// Writes `report.json`, whole or not at all.
@@ -28,6 +25,17 @@ impl Report {
     pub fn write(&self, path: &Path) -> io::Result<()> {
         write_whole(path, self.to_json()?.as_bytes())
     }
+}
+
+/// A document as JSON text in the form of reports, ending with a line break.
+///
+/// # Errors
+/// What serde_json refuses.
+pub(crate) fn rounded_json(document: &impl Serialize) -> Result<String, serde_json::Error> {
+    let mut bytes = Vec::new();
+    document.serialize(&mut Serializer::with_formatter(&mut bytes, Rounded::default()))?;
+    bytes.push(b'\n');
+    String::from_utf8(bytes).map_err(serde::ser::Error::custom)
 }
 
 /// Writes `bytes` beside `path` and renames: a reader sees the old file or the new one, never a part.
@@ -125,6 +133,8 @@ mod tests {
             "/link/up_bytes /link/down_mbps /link/frames_sent /link/frames_shown /link/frames_replaced",
             "/link/planes/root.radiance /quality/0/mode /quality/0/psnr_db/p50 /quality/0/dssim/p50",
             "/quality/0/flip/p50 /quality/0/hole_fraction/p50 /quality/0/compared_frames",
+            "/quality/0/specular/psnr_db/p50 /quality/0/specular/dssim/p50 /quality/0/specular/flip/p50",
+            "/quality/0/specular/pixel_fraction/p50 /reference/specular_noise_psnr_db /optics",
             "/counters/rays.primary /warnings",
         ]
         .join(" ")

@@ -1,6 +1,6 @@
 use super::*;
 use warplight_protocol::frame::FrameFormat;
-use warplight_protocol::message::Capabilities;
+use warplight_protocol::message::{Capabilities, Viewport};
 use warplight_protocol::{Camera, ImageSize, Pose};
 
 fn at(millis: u64) -> Timestamp {
@@ -12,6 +12,7 @@ fn hello() -> Hello {
         capabilities: Capabilities::ALL,
         software: "test".to_owned(),
         camera: Camera::symmetric(1.0, ImageSize::new(16, 16)),
+        viewport: Viewport::Plane,
         frame_hz: 10.0,
         format: FrameFormat::default(),
     }

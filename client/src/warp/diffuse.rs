@@ -6,7 +6,8 @@
 //!    `project(u) = x` by `u <- u + x - project(u)`.
 //! 3. What does not converge is tried again from the pixel's own splat, and else is a hole.
 //!
-//! Cost: one projection per old pixel and two to four per new one.
+//! Cost: one projection per old pixel and two to four per new one. This is the plain form, against which the vectors of
+//! `specular` are held.
 
 use super::HOLE;
 use super::reproject::Reprojection;
@@ -17,13 +18,13 @@ use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use warplight_protocol::camera::MIN_DEPTH_M;
 use warplight_protocol::{Camera, Pose};
 
-/// Residual, in pixels, whose step is the last: on one surface the next residual is smaller by the roll and parallax per
-/// pixel, a tenth and less, and so within the step of 1/256 to which samples are rounded.
-const LAST_STEP_PX: f32 = 1.0 / 32.0;
+/// Residual, in pixels, whose step is the last: the next residual is smaller by the change of scale and parallax per
+/// pixel, a half where a head turns far, and so within the step of 1/256 to which samples are rounded.
+const LAST_STEP_PX: f32 = 1.0 / 256.0;
 /// Residual that is accepted after the last step: half a pixel further and a neighbour would be the answer.
 const ACCEPTED_PX: f32 = 0.25;
-/// Steps of the iteration; it contracts by the relative depth slope, three or four are the rule.
-const MAX_STEPS: usize = 6;
+/// Steps of the iteration; it contracts by the relative depth slope, four are the rule.
+const MAX_STEPS: usize = 12;
 
 /// Per new pixel the nearest old one: inverse depth in the upper half, index of the texel plus one in the
 /// lower, 0 for none.

@@ -6,16 +6,17 @@
 //! numbers in a basis of that plane (Duff et al. 2017). The normal is then `n + S x_t`. An error of S of 1 % costs
 //! 0.02 degrees behind a glass ball.
 //!
-//! S comes from differences of points and normals of the picture, [`shape_operator`]. Where the server sends it,
-//! its three planes take the place of those; nothing else changes.
+//! S is the server's, where the frame's format carries it: exact, but in the basis of the normal that was sent, from which
+//! [`turned`] takes it to that of the filtered one. Without, it comes from differences of points and normals of the
+//! picture, [`shape_operator`]: dearer, and noisier by twice the error (docs/measurements).
 
 use super::lanes::{Floats, Mask, Vector};
 
 /// Newton steps after the plane: the second leaves less than rounding for what the head moves between frames.
 const NEWTON_STEPS: usize = 2;
 
-/// Two unit vectors that make a right-handed basis with a unit normal (Duff et al. 2017, "Building an orthonormal
-/// basis, revisited").
+/// Two unit vectors that make a right-handed basis with a unit normal: the lanes of
+/// [`warplight_protocol::curvature::tangents`] (Duff et al. 2017).
 #[inline(always)]
 pub(super) fn tangents<F: Floats>(normal: Vector<F>) -> [Vector<F>; 2] {
     let [x, y, z] = normal.0;
@@ -40,6 +41,17 @@ pub(super) fn shape_operator<F: Floats>(normal: Vector<F>, differences: [(Vector
     let over = (F::splat(1.0) / determinant).or(is_basis, F::zero());
     let across = ((n0 * p0 - m0 * q0) + (m1 * q1 - n1 * p1)) * F::splat(0.5) * over;
     [(m0 * q1 - n0 * p1) * over, across, (n1 * p0 - m1 * q0) * over]
+}
+
+/// A shape operator in the basis of one normal, taken to that of another one beside it; see
+/// [`warplight_protocol::curvature::ShapeOperator::turned`].
+#[inline(always)]
+pub(super) fn turned<F: Floats>([s11, s12, s22]: [F; 3], from: Vector<F>, to: Vector<F>) -> [F; 3] {
+    let ([t, b], [u, v]) = (tangents(from), tangents(to));
+    let (ut, ub, vt, vb) = (u.dot(t), u.dot(b), v.dot(t), v.dot(b));
+    let (u1, u2) = (s11.mul_add(ut, s12 * ub), s12.mul_add(ut, s22 * ub));
+    let (v1, v2) = (s11.mul_add(vt, s12 * vb), s12.mul_add(vt, s22 * vb));
+    [u1.mul_add(ut, u2 * ub), u1.mul_add(vt, u2 * vb), v1.mul_add(vt, v2 * vb)]
 }
 
 /// A surface about a point.
@@ -95,6 +107,7 @@ mod tests {
     use super::*;
     use crate::warp::lanes::Portable;
     use glam::Vec3;
+    use warplight_protocol::curvature::{self, ShapeOperator};
 
     fn splat(vector: Vec3) -> Vector<Portable> {
         Vector::splat(vector)
@@ -105,13 +118,20 @@ mod tests {
     }
 
     #[test]
-    fn tangents_and_normal_are_a_right_handed_basis() {
+    fn tangents_and_turns_are_those_of_the_protocol() {
+        let shape = ShapeOperator { s11: 3.0, s12: -1.5, s22: -0.5 };
         for normal in
-            [Vec3::Z, -Vec3::Z, Vec3::X, Vec3::new(1.0, -2.0, -0.5).normalize(), Vec3::new(0.3, 0.2, 0.9).normalize()]
+            [Vec3::Z, -Vec3::Z, Vec3::X, Vec3::new(1.0, -2.0, -1e-4).normalize(), Vec3::new(0.3, 0.2, 0.9).normalize()]
         {
-            let [t, b] = tangents(splat(normal)).map(first);
-            assert!((t.cross(b) - normal).length() < 1e-6, "{normal}: {t} {b}");
-            assert!((t.length() - 1.0).abs() < 1e-6 && (b.length() - 1.0).abs() < 1e-6);
+            let expected = curvature::tangents(normal);
+            for (lanes, plain) in tangents(splat(normal)).map(first).into_iter().zip(expected) {
+                assert!((lanes - plain).length() < 1e-6, "{normal}: {lanes} {plain}");
+            }
+            let to = (normal + Vec3::new(1e-3, 2e-3, 2e-3)).normalize();
+            let turned = turned(shape.to_array().map(Portable::splat), splat(normal), splat(to));
+            for (lanes, plain) in turned.into_iter().zip(shape.turned(normal, to).to_array()) {
+                assert!((lanes.lanes()[0] - plain).abs() < 1e-5, "{normal}: {} {plain}", lanes.lanes()[0]);
+            }
         }
     }
 

@@ -74,6 +74,11 @@ impl Optics {
         eta
     }
 
+    /// The same of one interface.
+    pub(super) fn eta_of(&self, interface: u8) -> f32 {
+        self.eta.get(usize::from(interface)).copied().unwrap_or(0.0)
+    }
+
     /// Weights of the light that arrives by `arrival` at an interface under this cosine.
     #[inline(always)]
     pub(super) fn weights<F: Floats>(&self, interface: F, eta: F, cosine: F, arrival: Arrival) -> [F; 3] {

@@ -12,8 +12,10 @@
 //! sets of the cache. Directions of J have 8 significant bits: an error of a step is 0.4 % of the step before it,
 //! which the next one takes back, and a record is 24 bytes instead of 36.
 //!
-//! Cost: one pass per node; a band of 16 rows is computed with [`HALO`] rows on either side.
+//! Cost: one pass per node; a band of 32 rows is computed with some rows on either side, as many as
+//! differences reach.
 
+mod normals;
 mod records;
 mod root;
 mod scratch;
@@ -24,15 +26,17 @@ use super::optic::Optics;
 use super::specular::Solver;
 use super::texture::{Texel, Texture, texel_of};
 use glam::Vec3;
+use normals::FromDepth;
+pub use normals::Normals;
 use rayon::prelude::*;
 use scratch::{Scratch, ScratchPool};
-use warplight_protocol::frame::{MAX_NODES, Node, Plan, Tree, UNDEFINED};
+use warplight_protocol::frame::{FrameFormat, MAX_NODES, Node, Plan, Tree, UNDEFINED};
 use warplight_protocol::{Camera, ImageSize, Pose};
 
 /// Rows computed together: a multiple of the block's.
-pub(super) const BAND: usize = 16;
+pub(super) const BAND: usize = 32;
 /// Rows on either side that a band needs for differences: the widest are those of the shape operator.
-const HALO: usize = 3;
+const MAX_HALO: usize = 3;
 /// Side of a block that is flagged as rough or smooth.
 pub(super) const BLOCK: usize = 8;
 /// Side of a cell whose nearest and farthest depth are splat.
@@ -77,8 +81,29 @@ impl Layout {
     }
 }
 
-/// What is rough about a block of [`BLOCK`] x [`BLOCK`] texels: one bit per node.
+/// What is rough about a block of [`BLOCK`] x [`BLOCK`] texels: one bit per node, and [`BOUNDARY_ENDS`].
 pub(super) type Roughness = u16;
+/// A boundary of the root ends within the block.
+pub(super) const BOUNDARY_ENDS: Roughness = 1 << 15;
+const _: () = assert!(MAX_NODES <= 15);
+
+/// How frames are decoded and searched.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Rung {
+    /// How children are searched.
+    pub(super) solver: Solver,
+    /// Where normals come from.
+    pub(super) normals: Normals,
+    /// Bits of a coordinate of the transmitted ones.
+    pub(super) normal_bits: u8,
+}
+
+impl Default for Rung {
+    fn default() -> Rung {
+        let normal_bits = FrameFormat::default().normal_bits;
+        Rung { solver: Solver::default(), normals: Normals::default(), normal_bits }
+    }
+}
 
 /// A decoded frame.
 #[derive(Debug)]
@@ -92,6 +117,9 @@ pub(super) struct Prepared {
     pub(super) optics: Optics,
     /// How children are searched.
     pub(super) solver: Solver,
+    normals: Normals,
+    normal_bits: u8,
+    from_depth: FromDepth,
     planes: Vec<u32>,
     texels: Vec<Texel>,
     roughness: Vec<Roughness>,
@@ -112,6 +140,9 @@ impl Default for Prepared {
             layout: Layout::default(),
             optics: Optics::default(),
             solver: Solver::default(),
+            normals: Normals::default(),
+            normal_bits: FrameFormat::default().normal_bits,
+            from_depth: FromDepth::default(),
             planes: Vec::new(),
             texels: Vec::new(),
             roughness: Vec::new(),
@@ -128,8 +159,37 @@ struct Input<'a> {
     has_children: &'a [bool],
     layout: Layout,
     optics: &'a Optics,
+    from_depth: Option<&'a FromDepth>,
+    /// How far a normal may be moved by the filter that takes the steps of its code away.
+    normal_step: f32,
+    /// Rows on either side of a band: the widest differences, those of shape operators, are seldom needed.
+    halo: usize,
     width: usize,
     height: usize,
+}
+
+impl Input<'_> {
+    /// Rows that are computed for a band.
+    #[inline(always)]
+    fn rows(&self) -> usize {
+        BAND + 2 * self.halo
+    }
+
+    /// The row of the picture that a row of scratch stands for.
+    #[inline(always)]
+    fn image_row(&self, first: usize, row: usize) -> Option<usize> {
+        (first + row).checked_sub(self.halo).filter(|&y| y < self.height)
+    }
+
+    /// An axis of the normals of a node, before the steps of their code are filtered away.
+    #[inline(always)]
+    fn normal(&self, node: usize, axis: usize, pixels: &std::ops::Range<usize>) -> &[f32] {
+        let plane = match self.from_depth {
+            Some(from_depth) => from_depth.axis(node, axis),
+            None => &self.tree.nodes[node].normal[axis],
+        };
+        &plane[pixels.start..pixels.end]
+    }
 }
 
 /// What is written of a band.
@@ -142,6 +202,11 @@ struct Band<'a> {
 }
 
 impl Prepared {
+    /// Chooses how the next frame is decoded, and searched.
+    pub(super) fn set(&mut self, rung: Rung) {
+        Rung { solver: self.solver, normals: self.normals, normal_bits: self.normal_bits } = rung;
+    }
+
     /// Decodes a tree.
     pub(super) fn prepare(&mut self, level: Level, tree: &Tree) {
         let (width, height) = (tree.camera.size.width as usize, tree.camera.size.height as usize);
@@ -163,13 +228,26 @@ impl Prepared {
         self.roughness.resize(bands * blocks, 0);
         self.cells.resize(bands * cells, [0.0; 2]);
         self.pool.fit(self.node_count, layout.stride);
+        let is_from_depth = self.normals != Normals::Transmitted;
+        if is_from_depth {
+            let has_children = &self.has_children[..plan.len()];
+            self.from_depth.compute(self.normals, tree, &self.nodes[..plan.len()], has_children, &self.optics);
+        }
         let Prepared { planes, texels, roughness, cells: cell_depths, pool, .. } = self;
+        let needs_differences = plan
+            .iter()
+            .enumerate()
+            .skip(1)
+            .any(|(node, _)| self.has_children[node] && tree.nodes[node].shape[0].is_empty());
         let input = Input {
             tree,
             nodes: &self.nodes[..plan.len()],
             has_children: &self.has_children[..plan.len()],
             layout,
             optics: &self.optics,
+            from_depth: is_from_depth.then_some(&self.from_depth),
+            normal_step: if is_from_depth { 0.0 } else { smooth::step(self.normal_bits) },
+            halo: if needs_differences { records::SHAPE_REACH } else { 1 },
             width,
             height,
         };
@@ -211,18 +289,6 @@ impl Prepared {
     #[inline(always)]
     pub(super) fn shape(&self, node: usize) -> [&[u32]; 3] {
         std::array::from_fn(|index| self.plane(self.layout.surface[node] + 4 + index))
-    }
-
-    /// Puts a known shape operator in the place of the computed ones.
-    #[cfg(test)]
-    pub(super) fn set_shape(&mut self, node: usize, shape: [f32; 3]) {
-        let (stride, pitch) = (self.layout.stride, self.layout.pitch);
-        for row in self.planes.chunks_mut(pitch) {
-            for (index, value) in shape.into_iter().enumerate() {
-                let at = (self.layout.surface[node] + 4 + index) * stride;
-                row[at..at + stride].fill(value.to_bits());
-            }
-        }
     }
 
     /// Point and slopes of a child.

@@ -73,7 +73,7 @@ mod tests {
     #[test]
     fn it_is_unprojection_motion_and_projection_in_one() {
         let old =
-            Camera { size: ImageSize::new(640, 480), fov: FieldOfView { left: -1.2, right: 0.7, down: -0.9, up: 0.8 } };
+            Camera::perspective(ImageSize::new(640, 480), FieldOfView { left: -1.2, right: 0.7, down: -0.9, up: 0.8 });
         let new = Camera::symmetric(1.3, ImageSize::new(512, 300));
         let old_pose = Pose { position: DVec3::new(5e3, 1.0, 2.0), orientation: DQuat::from_rotation_y(0.4) };
         let new_pose = Pose {

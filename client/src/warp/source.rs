@@ -9,6 +9,7 @@ use warplight_protocol::{Camera, ImageSize, Pose};
 /// thousandth of a pixel then change nothing, and the picture of an unmoved head is the old one to the bit.
 const SUBTEXELS: i32 = 256;
 
+#[cfg(test)]
 /// Texels whose inverse depths differ by more than this fraction lie on different surfaces.
 const EDGE: f32 = 0.05;
 
@@ -76,6 +77,7 @@ impl Source {
         inside.then(|| pixel.y as usize * size.width as usize + pixel.x as usize)
     }
 
+    #[cfg(test)]
     /// 1 / z at a position: interpolated where the texels around are of one surface, else that of the texel itself.
     #[inline(always)]
     pub(super) fn inverse_depth_at(&self, pixel: Vec2) -> Option<f32> {
@@ -98,6 +100,7 @@ impl Source {
         Some(upper + (lower - upper) * fraction.y)
     }
 
+    #[cfg(test)]
     /// Radiance at a position, bilinear over those texels that show the same surface as the nearest one.
     #[inline(always)]
     pub(super) fn radiance_of_surface_at(&self, pixel: Vec2) -> Option<Vec3> {
@@ -136,11 +139,13 @@ impl Source {
     }
 }
 
+#[cfg(test)]
 #[inline(always)]
 fn is_same_surface(a: f32, b: f32) -> bool {
     (a - b).abs() <= EDGE * a.max(b)
 }
 
+#[cfg(test)]
 #[inline(always)]
 fn lerp(a: f32, b: f32, t: f32) -> f32 {
     a + (b - a) * t

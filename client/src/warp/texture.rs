@@ -7,14 +7,15 @@
 //!
 //! Texels that are not known have weight zero: a fetch between known and unknown ones gives the mean of the known.
 
+use super::lanes::Floats;
 use glam::{Vec3, Vec4};
 
 /// What is added before packing: the smallest number with a code, 2^-15.
 pub(super) const OFFSET: f32 = 1.0 / 32_768.0;
 /// Exponent of the smallest code, in the place of a float's exponent.
-const EXPONENT: u32 = 112 << 23;
+pub(super) const EXPONENT: u32 = 112 << 23;
 /// Mantissa bits of a float that are dropped.
-const DROPPED: u32 = 12;
+pub(super) const DROPPED: u32 = 12;
 
 /// A texel.
 pub(super) type Texel = [u16; 4];
@@ -34,7 +35,7 @@ fn widened(code: u16) -> f32 {
 
 /// A texel, still with [`OFFSET`] on it.
 #[inline(always)]
-fn unpack(texel: Texel) -> Vec4 {
+pub(super) fn unpack(texel: Texel) -> Vec4 {
     let [red, green, blue, known] = texel;
     Vec4::new(widened(red), widened(green), widened(blue), widened(known))
 }
@@ -70,13 +71,8 @@ pub(super) struct Texture<'a> {
 impl Texture<'_> {
     /// Radiance between the four texels, over the known ones, and the weight of those.
     #[inline(always)]
-    pub(super) fn fetch(&self, at: &Footprint) -> Vec4 {
-        let texels = &self.texels[at.first..at.first + self.pitch + 2];
-        let (a, b) = (unpack(texels[0]), unpack(texels[1]));
-        let (c, d) = (unpack(texels[self.pitch]), unpack(texels[self.pitch + 1]));
-        let upper = a + (b - a) * at.x;
-        let lower = c + (d - c) * at.x;
-        upper + (lower - upper) * at.y - OFFSET
+    pub(super) fn fetch<F: Floats>(&self, at: &Footprint) -> Vec4 {
+        F::blend(self.texels, at.first, self.pitch, at.x, at.y) - OFFSET
     }
 
     /// The same over those of the four texels that `counts` names: above left, above right, below left, below right.
@@ -92,17 +88,18 @@ impl Texture<'_> {
     }
 }
 
+/// Weight of known texels from which on all four are.
+pub(super) const ALL_KNOWN: f32 = 0.999;
+
 /// What was fetched over the weight of the texels that are known, that weight being 0 where too little of the footprint
 /// is, and else 1.
 #[inline(always)]
 pub(super) fn over_known(fetched: Vec4) -> Vec4 {
     /// A quarter is the weight of the nearest texel in the worst place.
     const LEAST_WEIGHT: f32 = 0.24;
-    /// From here on all four are.
-    const ALL: f32 = 0.999;
     // Interpolation may leave a rounding error below zero.
     let radiance = fetched.max(Vec4::ZERO);
-    if fetched.w > ALL {
+    if fetched.w > ALL_KNOWN {
         radiance
     } else if fetched.w > LEAST_WEIGHT {
         radiance / fetched.w
@@ -114,6 +111,7 @@ pub(super) fn over_known(fetched: Vec4) -> Vec4 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::warp::lanes::Portable;
 
     fn round_trip(value: f32) -> f32 {
         unpack([pack(value); 4]).x - OFFSET
@@ -134,9 +132,9 @@ mod tests {
         let texels = [texel_of(Vec3::ONE, true), texel_of(Vec3::splat(9.0), false)].repeat(2);
         let texture = Texture { texels: &texels, pitch: 2 };
         for x in [0.0, 0.2, 0.5, 0.7] {
-            let found = over_known(texture.fetch(&Footprint { first: 0, x, y: 0.0 }));
+            let found = over_known(texture.fetch::<Portable>(&Footprint { first: 0, x, y: 0.0 }));
             assert!((found - Vec4::ONE).abs().max_element() < 1e-3, "{x}: {found}");
         }
-        assert!(over_known(texture.fetch(&Footprint { first: 0, x: 1.0, y: 0.0 })) == Vec4::ZERO);
+        assert!(over_known(texture.fetch::<Portable>(&Footprint { first: 0, x: 1.0, y: 0.0 })) == Vec4::ZERO);
     }
 }

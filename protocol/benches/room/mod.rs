@@ -1,6 +1,8 @@
 //! The frame that is measured: a room of 6 x 3 x 8 m in closed form, seen from its middle. A mirror hangs on the
 //! far wall, a chrome ball and a glass ball (first interface only) lie on the floor.
 
+pub(crate) mod solid;
+
 use glam::{Vec2, Vec3};
 use warplight_protocol::codec::FrameShape;
 use warplight_protocol::frame::{ColorFormat, FrameFormat, Interfaces, NodePlanes, Plan, Tree, UNDEFINED};

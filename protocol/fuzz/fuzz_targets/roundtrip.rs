@@ -4,6 +4,7 @@
 
 use arbitrary::{Result, Unstructured};
 use libfuzzer_sys::fuzz_target;
+use warplight_protocol::curvature::ShapeOperator;
 use warplight_protocol::frame::{Arrival, DepthCoding, FrameFormat, UNDEFINED};
 use warplight_protocol_fuzz::{LIMITS, decode, encode, shape, tree};
 
@@ -37,6 +38,10 @@ fn run(mut u: Unstructured<'_>) -> Result<()> {
             if let Some(&interface) = was.interface.get(pixel) {
                 let known = usize::from(interface) <= shape.interfaces.0.len();
                 assert_eq!(is.interface[pixel], if known { interface } else { 0 });
+                // A flat surface comes back flat, whatever there is beside it.
+                if known && interface > 0 && was.shape_at(pixel) == Some(ShapeOperator::FLAT) {
+                    assert_eq!(is.shape_at(pixel), Some(ShapeOperator::FLAT));
+                }
             }
         }
     }

@@ -4,6 +4,7 @@ use arbitrary::{Result, Unstructured};
 use warplight_protocol::codec::{DecodeError, FrameShape, Limits, StripDecoder, StripEncoder};
 use warplight_protocol::frame::{ColorFormat, DepthCoding, FrameFormat, Interfaces, Plan, Tree, UNDEFINED};
 use warplight_protocol::optics::Interface;
+use warplight_protocol::camera::{FieldOfView, Projection};
 use warplight_protocol::{Camera, ImageSize, Pose};
 
 /// Limits that keep one run short.
@@ -15,6 +16,11 @@ pub fn shape(u: &mut Unstructured<'_>) -> Result<FrameShape> {
     let size = ImageSize::new(u.int_in_range(1..=40)?, u.int_in_range(1..=24)?);
     let mut camera = Camera::symmetric(1.3, size);
     camera.fov.left *= f32::from(u.int_in_range(0..=8_u8)?) / 4.0;
+    if u.ratio(1, 8)? {
+        // The smallest there is: 192 x 32 pixels would be beyond the limits above.
+        camera = Camera::perspective(ImageSize::new(7, 42), FieldOfView { left: -1.2, right: 1.2, down: -1.2, up: 1.2 });
+        camera.projection = Projection::Cube;
+    }
     let plan = u.choose(&[Plan::diffuse(), Plan::mirror(), Plan::water(), Plan::solid()])?.clone();
     let kinds = [
         Interface::Mirror,
@@ -30,6 +36,7 @@ pub fn shape(u: &mut Unstructured<'_>) -> Result<FrameShape> {
         child_depth_bits: u.int_in_range(FrameFormat::DEPTH_BITS)?,
         child_depth: *u.choose(&[DepthCoding::Relative, DepthCoding::Unfolded])?,
         normal_bits: u.int_in_range(FrameFormat::NORMAL_BITS)?,
+        shape_bits: if u.arbitrary()? { u.int_in_range(FrameFormat::SHAPE_BITS)? } else { 0 },
     };
     let strip_rows = u.int_in_range(1..=9)?;
     let exposure = *u.choose(&[1.0, 0.25, 3.0, 1e-12, 1e12])?;
@@ -50,7 +57,7 @@ pub fn tree(shape: &FrameShape, u: &mut Unstructured<'_>) -> Result<Tree> {
         random ^= random << 17;
         Ok((random >> 56) as u8)
     };
-    let mut tree = Tree::new(Pose::IDENTITY, shape.camera, shape.plan.clone(), shape.interfaces.clone());
+    let mut tree = shape.tree(Pose::IDENTITY);
     for planes in &mut tree.nodes {
         let NodeFloats { floats } = NodeFloats::of(planes);
         for value in floats {
@@ -74,7 +81,7 @@ struct NodeFloats<'a> {
 
 impl NodeFloats<'_> {
     fn of(planes: &mut warplight_protocol::frame::NodePlanes) -> NodeFloats<'_> {
-        let vectors = planes.radiance.iter_mut().chain(&mut planes.normal).flatten();
+        let vectors = planes.radiance.iter_mut().chain(&mut planes.normal).chain(&mut planes.shape).flatten();
         NodeFloats { floats: vectors.chain(&mut planes.distance).collect() }
     }
 }
@@ -95,7 +102,7 @@ pub fn decode<'a>(
     shape: &FrameShape,
     strips: impl IntoIterator<Item = &'a [u8]>,
 ) -> std::result::Result<Tree, DecodeError> {
-    let mut tree = Tree::new(Pose::IDENTITY, shape.camera, shape.plan.clone(), shape.interfaces.clone());
+    let mut tree = shape.tree(Pose::IDENTITY);
     for planes in &mut tree.nodes {
         planes.interface.fill(255);
         NodeFloats::of(planes).floats.into_iter().for_each(|value| *value = f32::NAN);
@@ -121,6 +128,7 @@ pub fn decode<'a>(
             for ((x, y), z) in x.iter().zip(y.iter()).zip(z.iter()) {
                 assert!((x * x + y * y + z * z - 1.0).abs() < 1e-4, "normal of node {node}");
             }
+            assert!(planes.shape.iter().flat_map(|entry| entry.iter()).all(|entry| entry.is_finite()), "shape of node {node}");
         }
     }
     drop(bands);

@@ -148,10 +148,11 @@ fn path_distances(plan: &Plan, nodes: &[NodeRows<'_>], node: usize, alone: bool,
 /// Lengths of the rays through the pixels of some rows, per metre of z.
 fn ray_lengths(camera: &Camera, rows: Range<u32>, lengths: &mut Vec<f32>) {
     let (focal, centre) = (camera.focal_px(), camera.centre_px());
+    let face_rows = camera.rows_of_face().max(1);
     let slope_x: Vec<f32> = (0..camera.size.width).map(|x| (x as f32 + 0.5 - centre.x) / focal.x).collect();
     lengths.clear();
     for y in rows {
-        let slope_y = (y as f32 + 0.5 - centre.y) / focal.y;
+        let slope_y = ((y % face_rows) as f32 + 0.5 - centre.y) / focal.y;
         lengths.extend(slope_x.iter().map(|&slope_x| (slope_x * slope_x + slope_y * slope_y + 1.0).sqrt()));
     }
 }
@@ -212,11 +213,18 @@ mod tests {
     fn ray_lengths_are_those_of_the_camera() {
         let mut camera = Camera::symmetric(1.2, crate::ImageSize::new(13, 9));
         camera.fov.left *= 0.7;
-        let mut lengths = Vec::new();
-        ray_lengths(&camera, 2..7, &mut lengths);
-        assert_eq!(lengths.len(), 5 * 13);
-        for (index, &length) in lengths.iter().enumerate() {
-            assert_eq!(length, camera.ray_in_view(camera.size.pixel_centre(2 * 13 + index)).length());
+        let cube = Camera::cube(&camera, 32);
+        // Of the cube rows on either side of a seam.
+        for (camera, rows) in [(camera, 2..7), (cube, 27..40), (cube, 159..192)] {
+            let width = camera.size.width as usize;
+            let mut lengths = Vec::new();
+            ray_lengths(&camera, rows.clone(), &mut lengths);
+            assert_eq!(lengths.len(), rows.len() * width);
+            for (index, &length) in lengths.iter().enumerate() {
+                let pixel = camera.size.pixel_centre(rows.start as usize * width + index);
+                // The axes of a face are those of view in another order, and so is the sum of squares.
+                assert!((length / camera.ray_in_view(pixel).length() - 1.0).abs() <= 2.0 * f32::EPSILON, "{pixel}");
+            }
         }
     }
 

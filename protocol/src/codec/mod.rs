@@ -4,6 +4,7 @@
 //! from their neighbours, the residuals bit-packed and entropy-coded with zstd.
 
 pub mod bits;
+mod curvature;
 mod depth;
 mod error;
 mod interface;

@@ -2,6 +2,7 @@
 
 use super::DecodeError;
 use super::samples::{Packing, Predictor};
+use crate::curvature::MAX_CURVATURE_PER_M;
 
 /// The kinds of planes, by wire code. Codes 16 to 31 are kept for the layers of volumes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -17,12 +18,20 @@ pub enum PlaneKind {
     Interface = 4,
     /// Octahedral normal, where there is a boundary.
     Normal = 5,
+    /// Shape operator of the surface, where there is a boundary; never sent for the root.
+    Shape = 6,
 }
 
 impl PlaneKind {
     /// Every kind there is.
-    pub const ALL: [PlaneKind; 5] =
-        [PlaneKind::Validity, PlaneKind::Radiance, PlaneKind::Depth, PlaneKind::Interface, PlaneKind::Normal];
+    pub const ALL: [PlaneKind; 6] = [
+        PlaneKind::Validity,
+        PlaneKind::Radiance,
+        PlaneKind::Depth,
+        PlaneKind::Interface,
+        PlaneKind::Normal,
+        PlaneKind::Shape,
+    ];
 
     /// Name in reports, behind the node's: `root.radiance`.
     pub fn name(self) -> &'static str {
@@ -32,6 +41,7 @@ impl PlaneKind {
             PlaneKind::Depth => "depth",
             PlaneKind::Interface => "interface",
             PlaneKind::Normal => "normal",
+            PlaneKind::Shape => "shape",
         }
     }
 
@@ -40,6 +50,7 @@ impl PlaneKind {
     pub fn coding(self) -> (Predictor, Packing) {
         match self {
             PlaneKind::Radiance | PlaneKind::Interface | PlaneKind::Validity => (Predictor::Median, Packing::Bytes),
+            PlaneKind::Shape => (Predictor::Median, Packing::Runs),
             PlaneKind::Depth => (Predictor::Gradient, Packing::Bytes),
             PlaneKind::Normal => (Predictor::Gradient, Packing::Runs),
         }
@@ -62,7 +73,7 @@ pub struct PlaneBytes {
 pub(crate) struct PlaneHeader {
     pub(crate) node: u8,
     pub(crate) kind: PlaneKind,
-    /// Radiance: the value of the largest code; depth: the nearest; otherwise 0.
+    /// Radiance and shape: the value of the largest code; depth: the nearest; otherwise 0.
     pub(crate) scale: f32,
     pub(crate) payload_bytes: u32,
 }
@@ -95,10 +106,11 @@ impl PlaneHeader {
         let scale = f32::from_le_bytes([s0, s1, s2, s3]);
         let scale_is_possible = match kind {
             PlaneKind::Radiance | PlaneKind::Depth => scale > 0.0 && scale.is_finite(),
+            PlaneKind::Shape => scale.is_sign_positive() && scale <= MAX_CURVATURE_PER_M,
             PlaneKind::Validity | PlaneKind::Interface | PlaneKind::Normal => scale.to_bits() == 0,
         };
         if !scale_is_possible {
-            let expected = "a positive number for radiance and depth, otherwise 0";
+            let expected = "a positive number for radiance and depth, 0 to 1e6 for shape, otherwise 0";
             return Err(DecodeError::Malformed { field: "scale of plane", expected });
         }
         Ok(PlaneHeader { node, kind, scale, payload_bytes: u32::from_le_bytes([b0, b1, b2, b3]) })
@@ -112,7 +124,8 @@ mod tests {
     #[test]
     fn headers_come_back() {
         for kind in PlaneKind::ALL {
-            let scale = if matches!(kind, PlaneKind::Radiance | PlaneKind::Depth) { 0.5 } else { 0.0 };
+            let scales = [PlaneKind::Radiance, PlaneKind::Depth, PlaneKind::Shape];
+            let scale = if scales.contains(&kind) { 0.5 } else { 0.0 };
             let header = PlaneHeader { node: 3, kind, scale, payload_bytes: 0x0102_0304 };
             assert_eq!(PlaneHeader::from_bytes(&header.to_bytes()), Ok(header));
         }
@@ -120,7 +133,7 @@ mod tests {
 
     #[test]
     fn kinds_of_another_version_are_refused_by_number() {
-        for kind in [0, 6, 16, 31, 255] {
+        for kind in [0, 7, 16, 31, 255] {
             let bytes = [0, kind, 0, 0, 0, 0, 0, 0, 0, 0];
             let found = u32::from(kind);
             assert_eq!(
@@ -138,5 +151,9 @@ mod tests {
         }
         let header = PlaneHeader { node: 0, kind: PlaneKind::Normal, scale: 1.0, payload_bytes: 0 };
         assert!(PlaneHeader::from_bytes(&header.to_bytes()).is_err());
+        for scale in [-0.0, -1.0, 1.1e6, f32::INFINITY, f32::NAN] {
+            let header = PlaneHeader { node: 2, kind: PlaneKind::Shape, scale, payload_bytes: 0 };
+            assert!(PlaneHeader::from_bytes(&header.to_bytes()).is_err(), "{scale}");
+        }
     }
 }

@@ -150,6 +150,7 @@ mod tests {
                     distance: &mut [],
                     interface: &mut [],
                     normal: Default::default(),
+                    shape: Default::default(),
                 };
                 table.dequantise(color, white, &[green, difference.clone(), difference], &mut rows);
                 for code in 0..count {

@@ -1,9 +1,9 @@
 //! The shape of a frame: what both ends must know before its first strip, and so what a strip need not say.
 
 use super::{DecodeError, Limits, PlaneKind};
-use crate::Camera;
-use crate::frame::{FrameFormat, Interfaces, MAX_INTERFACES, Plan};
+use crate::frame::{FrameFormat, Interfaces, MAX_INTERFACES, Plan, Tree};
 use crate::optics::Interface;
+use crate::{Camera, Pose};
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
 
@@ -60,6 +60,9 @@ impl FrameShape {
             if self.plan.has_children(node) && !self.interfaces.0.is_empty() {
                 push(PlaneKind::Interface);
                 push(PlaneKind::Normal);
+                if self.has_shape_operators(node) {
+                    push(PlaneKind::Shape);
+                }
             }
         }
         planes
@@ -73,7 +76,26 @@ impl FrameShape {
             PlaneKind::Depth => (1, usize::from(self.depth_bits(node))),
             PlaneKind::Interface => (1, self.interfaces.bits()),
             PlaneKind::Normal => (2, usize::from(self.format.normal_bits)),
+            PlaneKind::Shape => (3, usize::from(self.format.shape_bits)),
         }
+    }
+
+    /// Whether the planes of a node hold shape operators.
+    pub(crate) fn has_shape_operators(&self, node: usize) -> bool {
+        node > 0 && self.plan.has_children(node) && self.format.shape_bits > 0
+    }
+
+    /// A tree to decode such a frame into.
+    pub fn tree(&self, render_pose: Pose) -> Tree {
+        let mut tree = Tree::new(render_pose, self.camera, self.plan.clone(), self.interfaces.clone());
+        self.fit(&mut tree, render_pose);
+        tree
+    }
+
+    /// Makes of a tree one to decode such a frame into, reusing its memory; the contents are left as they fall.
+    pub fn fit(&self, tree: &mut Tree, render_pose: Pose) {
+        let has_shape_operators = self.format.shape_bits > 0;
+        tree.reset_with(render_pose, self.camera, &self.plan, &self.interfaces, has_shape_operators);
     }
 
     pub(crate) fn depth_bits(&self, node: usize) -> u8 {
@@ -84,10 +106,10 @@ impl FrameShape {
     pub fn check(&self, limits: &Limits) -> Result<(), DecodeError> {
         let malformed = |field, expected| Err(DecodeError::Malformed { field, expected });
         if !self.camera.is_valid() {
-            return malformed("camera", "a size of 1 to 8192 pixels and a frustum that is not empty");
+            return malformed("camera", "a size of 1 to 8192 pixels and a frustum that is not empty, or six of a cube");
         }
         if !self.format.is_valid() {
-            return malformed("format", "depth of 8 to 24 bits and normals of 6 to 16");
+            return malformed("format", "depth of 8 to 24 bits, normals of 6 to 16, shapes of 0 or 6 to 12");
         }
         if self.strip_rows == 0 {
             return malformed("strip_rows", "at least 1");
@@ -107,7 +129,10 @@ impl FrameShape {
 
     /// Bytes that a receiver holds for the frame: its planes, and what decoding one strip takes.
     fn memory_bytes(&self) -> usize {
-        let node_bytes = |node| if self.plan.has_children(node) { 29 } else { 16 };
+        let node_bytes = |node| {
+            let shape_bytes = if self.has_shape_operators(node) { 12 } else { 0 };
+            shape_bytes + if self.plan.has_children(node) { 29 } else { 16 }
+        };
         let tree_bytes = self.camera.size.pixels() * (0..self.plan.nodes().len()).map(node_bytes).sum::<usize>();
         tree_bytes + self.rows_of(0).len() * self.camera.size.width as usize * Self::SCRATCH_BYTES
     }
@@ -140,7 +165,7 @@ mod tests {
 
     #[test]
     fn planes_stand_in_pre_order() {
-        use PlaneKind::{Depth, Interface, Normal, Radiance, Validity};
+        use PlaneKind::{Depth, Interface, Normal, Radiance, Shape, Validity};
         let planes = [
             (0, Radiance, 24),
             (0, Depth, 16),
@@ -154,11 +179,15 @@ mod tests {
             (2, Depth, 16),
             (2, Interface, 3),
             (2, Normal, 24),
+            (2, Shape, 24),
             (3, Validity, 1),
             (3, Radiance, 24),
             (3, Depth, 16),
         ];
-        assert_eq!(shape(ImageSize::new(8, 8)).planes(), planes);
+        let mut shape = shape(ImageSize::new(8, 8));
+        assert_eq!(shape.planes(), planes);
+        shape.format.shape_bits = 0;
+        assert_eq!(shape.planes(), planes.into_iter().filter(|plane| plane.1 != Shape).collect::<Vec<_>>());
     }
 
     #[test]
@@ -175,6 +204,8 @@ mod tests {
         assert!(refused(|shape| shape.camera.fov.left = f32::NAN).contains("camera"));
         assert!(refused(|shape| shape.format.normal_bits = 17).contains("format"));
         assert!(refused(|shape| shape.format.child_depth_bits = 25).contains("format"));
+        assert!(refused(|shape| shape.format.shape_bits = 5).contains("format"));
+        assert!(refused(|shape| shape.format.shape_bits = 13).contains("format"));
         assert!(refused(|shape| shape.strip_rows = 0).contains("strip_rows"));
         for exposure in [0.0, -1.0, 1e-40, f32::INFINITY, f32::NAN] {
             let bad = FrameShape { exposure, ..good.clone() };
@@ -189,9 +220,15 @@ mod tests {
     #[test]
     fn a_whole_frame_in_one_strip_counts_its_scratch() {
         let mut shape = shape(ImageSize::new(100, 100));
-        let limits = Limits { frame_bytes: 10_000 * (29 + 16 + 29 + 16) + 400 * 28, ..Limits::default() };
+        let limits = Limits { frame_bytes: 10_000 * (29 + 16 + 41 + 16) + 400 * 28, ..Limits::default() };
         assert_eq!(shape.check(&limits), Ok(()));
         shape.strip_rows = 100;
         assert!(shape.check(&limits).is_err());
+        // Without shape operators there is room for it.
+        shape.format.shape_bits = 0;
+        assert_eq!(
+            shape.check(&limits),
+            Err(DecodeError::LimitExceeded { limit: limits.frame_bytes, requested: 10_000 * (90 + 28) })
+        );
     }
 }

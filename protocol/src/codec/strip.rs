@@ -4,6 +4,7 @@
 //! strip can leave before the rest of the frame is rendered. Planes follow the plan's pre-order and stand
 //! in one fixed order, so the receiver knows what must come and refuses anything else.
 
+use super::curvature::ShapePlane;
 use super::depth::DepthPlane;
 use super::plane::PlaneHeader;
 use super::{DecodeError, FrameShape, PlaneBytes, PlaneKind};
@@ -46,6 +47,7 @@ pub struct StripEncoder {
     defined: Vec<bool>,
     has_interface: Vec<bool>,
     depth: DepthPlane,
+    shape: ShapePlane,
     compressor: zstd::bulk::Compressor<'static>,
 }
 
@@ -75,6 +77,7 @@ impl StripEncoder {
             defined: Vec::new(),
             has_interface: Vec::new(),
             depth: DepthPlane::default(),
+            shape: ShapePlane::default(),
             // Fails only where no memory is left for the context.
             compressor: zstd::bulk::Compressor::new(level).unwrap_or_default(),
         }
@@ -127,7 +130,7 @@ impl StripEncoder {
             }
             PlaneKind::Interface => {
                 interface::quantise(planes.interface, shape.interfaces.0.len(), &mut self.codes[0]);
-                // What the normals that follow are defined by.
+                // What the normals and shapes that follow are defined by.
                 let pixels = self.codes[0].iter().zip(&self.defined);
                 self.has_interface.clear();
                 self.has_interface.extend(pixels.map(|(&code, &defined)| code != 0 && (defined || index == 0)));
@@ -135,6 +138,10 @@ impl StripEncoder {
             PlaneKind::Normal => {
                 normal::quantise_plane(shape.format.normal_bits, planes, &self.has_interface, &mut self.codes);
                 defined = Some(&self.has_interface);
+            }
+            PlaneKind::Shape => {
+                scale = self.shape.quantise(&shape.format, width, planes, &self.has_interface, &mut self.codes);
+                defined = Some(self.shape.counts());
             }
         }
 
@@ -172,6 +179,7 @@ pub struct StripDecoder {
     defined: Vec<bool>,
     radiance: radiance::Dequantiser,
     depth: DepthPlane,
+    shape: ShapePlane,
     decompressor: zstd::bulk::Decompressor<'static>,
 }
 
@@ -197,8 +205,9 @@ impl StripDecoder {
     /// error what they hold is meaningless.
     ///
     /// Whatever the bytes: radiance is finite and not negative, distances are above zero or [`UNDEFINED`],
-    /// normals have unit length, and interfaces are entries of the table or 0. Where a node knows nothing, its
-    /// radiance, and where it has no interface, its normal are what the predictor continued them with.
+    /// normals have unit length, shape operators are finite, and interfaces are entries of the table or 0. Where a node
+    /// knows nothing, its radiance, and where it has no interface, its normal and shape are what the predictor
+    /// continued them with.
     pub fn decode(
         &mut self,
         shape: &FrameShape,
@@ -293,6 +302,7 @@ impl StripDecoder {
                 interface::dequantise(&self.codes[0], shape.interfaces.0.len(), defined, planes.interface)?;
             }
             PlaneKind::Normal => normal::dequantise_plane(shape.format.normal_bits, &self.codes, planes),
+            PlaneKind::Shape => self.shape.dequantise(shape.format.shape_bits, header.scale, &self.codes, planes),
         }
         Ok(())
     }
@@ -323,6 +333,10 @@ fn have_shape(rows: &TreeRows<'_>, shape: &FrameShape) -> bool {
                 && planes.radiance.iter().all(|channel| channel.len() == pixels)
                 && planes.interface.len() == inner
                 && planes.normal.iter().all(|axis| axis.len() == inner)
+                && planes
+                    .shape
+                    .iter()
+                    .all(|entry| entry.len() == if shape.has_shape_operators(node) { pixels } else { 0 })
         })
 }
 
@@ -338,6 +352,7 @@ fn write_nothing(header: &PlaneHeader, planes: &mut NodeRows<'_>) -> Result<(), 
         PlaneKind::Depth => planes.distance.fill(UNDEFINED),
         PlaneKind::Interface => planes.interface.fill(0),
         PlaneKind::Normal => clear_normal(planes),
+        PlaneKind::Shape => clear_shape(planes),
     }
     Ok(())
 }
@@ -347,6 +362,7 @@ fn clear_interfaces(rows: &mut TreeRows<'_>) {
     for planes in &mut rows.nodes {
         planes.interface.fill(0);
         clear_normal(planes);
+        clear_shape(planes);
     }
 }
 
@@ -355,6 +371,10 @@ fn clear_normal(planes: &mut NodeRows<'_>) {
     x.fill(0.0);
     y.fill(0.0);
     z.fill(1.0);
+}
+
+fn clear_shape(planes: &mut NodeRows<'_>) {
+    planes.shape.iter_mut().for_each(|entry| entry.fill(0.0));
 }
 
 #[cfg(test)]

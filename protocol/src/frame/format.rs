@@ -90,6 +90,9 @@ pub struct FrameFormat {
     pub child_depth: DepthCoding,
     /// Bits of each of the two octahedral coordinates of a normal, [`FrameFormat::NORMAL_BITS`].
     pub normal_bits: u8,
+    /// Bits of each of the three entries of a shape operator, [`FrameFormat::SHAPE_BITS`]; 0: they are not sent, and the
+    /// client makes do with differences of normals.
+    pub shape_bits: u8,
 }
 
 impl FrameFormat {
@@ -97,10 +100,13 @@ impl FrameFormat {
     pub const DEPTH_BITS: std::ops::RangeInclusive<u8> = 8..=24;
     /// Octahedral coordinates have between 6 and 16 bits.
     pub const NORMAL_BITS: std::ops::RangeInclusive<u8> = 6..=16;
+    /// Entries of a shape operator have between 6 and 12 bits, where they are sent.
+    pub const SHAPE_BITS: std::ops::RangeInclusive<u8> = 6..=12;
 
-    /// The thesis's quantisation: linear 8-bit colour, 16-bit depth relative to the parent.
+    /// The thesis's quantisation: linear 8-bit colour, 16-bit depth relative to the parent, no shape operators.
     pub fn thesis() -> FrameFormat {
-        FrameFormat { color: ColorFormat::Linear8, child_depth: DepthCoding::Relative, ..FrameFormat::default() }
+        let (color, child_depth) = (ColorFormat::Linear8, DepthCoding::Relative);
+        FrameFormat { color, child_depth, shape_bits: 0, ..FrameFormat::default() }
     }
 
     /// Whether every width is in its range.
@@ -108,6 +114,7 @@ impl FrameFormat {
         Self::DEPTH_BITS.contains(&self.root_depth_bits)
             && Self::DEPTH_BITS.contains(&self.child_depth_bits)
             && Self::NORMAL_BITS.contains(&self.normal_bits)
+            && (self.shape_bits == 0 || Self::SHAPE_BITS.contains(&self.shape_bits))
     }
 }
 
@@ -119,6 +126,7 @@ impl Default for FrameFormat {
             child_depth_bits: 16,
             child_depth: DepthCoding::Unfolded,
             normal_bits: 12,
+            shape_bits: 8,
         }
     }
 }

@@ -4,6 +4,7 @@
 //! strips into another of the same shape, whose values are the quantised ones.
 
 use super::Plan;
+use crate::curvature::ShapeOperator;
 use crate::optics::Interface;
 use crate::{Camera, Pose};
 use serde::{Deserialize, Serialize};
@@ -46,10 +47,14 @@ pub struct NodePlanes {
     /// Unit normal in the view space of the render pose, on the side the ray comes from; meaningful only
     /// where there is an interface, empty for a node without children.
     pub normal: [Vec<f32>; 3],
+    /// Entries s11, s12, s22 of the surface's [`crate::curvature::ShapeOperator`] in the basis of its normal, per metre;
+    /// meaningful only where there is an interface, empty for the root, for a node without children, and in a frame
+    /// whose format has none.
+    pub shape: [Vec<f32>; 3],
 }
 
 impl NodePlanes {
-    fn resize(&mut self, pixels: usize, has_children: bool) {
+    fn resize(&mut self, pixels: usize, has_children: bool, has_shape: bool) {
         for channel in &mut self.radiance {
             channel.resize(pixels, 0.0);
         }
@@ -58,6 +63,9 @@ impl NodePlanes {
         self.interface.resize(inner, 0);
         for axis in &mut self.normal {
             axis.resize(inner, 0.0);
+        }
+        for entry in &mut self.shape {
+            entry.resize(if has_shape { pixels } else { 0 }, 0.0);
         }
     }
 
@@ -76,6 +84,21 @@ impl NodePlanes {
     /// Normal of a pixel, in view.
     pub fn normal_at(&self, pixel: usize) -> glam::Vec3 {
         glam::Vec3::new(self.normal[0][pixel], self.normal[1][pixel], self.normal[2][pixel])
+    }
+
+    /// Shape operator of a pixel, in the basis of its normal; `None` where the planes have none.
+    pub fn shape_at(&self, pixel: usize) -> Option<ShapeOperator> {
+        let [s11, s12, s22] = &self.shape;
+        Some(ShapeOperator { s11: *s11.get(pixel)?, s12: *s12.get(pixel)?, s22: *s22.get(pixel)? })
+    }
+
+    /// Sets the shape operator of a pixel, in the basis of its normal; nothing where the planes have none.
+    pub fn set_shape(&mut self, pixel: usize, shape: ShapeOperator) {
+        for (entries, value) in self.shape.iter_mut().zip(shape.to_array()) {
+            if let Some(entry) = entries.get_mut(pixel) {
+                *entry = value;
+            }
+        }
     }
 
     /// Sets the normal of a pixel, in view.
@@ -105,24 +128,37 @@ impl Tree {
     /// An empty tree of this shape: every pixel undefined.
     pub fn new(render_pose: Pose, camera: Camera, plan: Plan, interfaces: Interfaces) -> Tree {
         let mut tree = Tree { render_pose, camera, plan, interfaces, nodes: Vec::new() };
-        tree.allocate();
+        tree.allocate(true);
         tree
     }
 
     /// Takes on a new shape, reusing the memory; the contents are left as they fall.
     pub fn reset(&mut self, render_pose: Pose, camera: Camera, plan: &Plan, interfaces: &Interfaces) {
+        self.reset_with(render_pose, camera, plan, interfaces, true);
+    }
+
+    /// The same, with shape operators or without.
+    pub(crate) fn reset_with(
+        &mut self,
+        render_pose: Pose,
+        camera: Camera,
+        plan: &Plan,
+        interfaces: &Interfaces,
+        has_shapes: bool,
+    ) {
         self.render_pose = render_pose;
         self.camera = camera;
         self.plan.clone_from(plan);
         self.interfaces.clone_from(interfaces);
-        self.allocate();
+        self.allocate(has_shapes);
     }
 
-    fn allocate(&mut self) {
+    fn allocate(&mut self, has_shapes: bool) {
         let pixels = self.camera.size.pixels();
         self.nodes.resize_with(self.plan.nodes().len(), NodePlanes::default);
         for (index, planes) in self.nodes.iter_mut().enumerate() {
-            planes.resize(pixels, self.plan.has_children(index));
+            let has_children = self.plan.has_children(index);
+            planes.resize(pixels, has_children, has_shapes && has_children && index > 0);
         }
     }
 }
@@ -138,6 +174,8 @@ pub struct NodeRows<'a> {
     pub interface: &'a mut [u8],
     /// See [`NodePlanes::normal`].
     pub normal: [&'a mut [f32]; 3],
+    /// See [`NodePlanes::shape`].
+    pub shape: [&'a mut [f32]; 3],
 }
 
 /// A band of whole rows through all nodes of a tree; the first pixel of every slice is the first pixel
@@ -167,8 +205,10 @@ impl Tree {
         for planes in &mut self.nodes {
             let [red, green, blue] = &mut planes.radiance;
             let [x, y, z] = &mut planes.normal;
+            let [s11, s12, s22] = &mut planes.shape;
             let mut radiance = [red, green, blue].map(|plane| plane.chunks_mut(band_pixels));
             let mut normal = [x, y, z].map(|plane| plane.chunks_mut(band_pixels));
+            let mut shape = [s11, s12, s22].map(|plane| plane.chunks_mut(band_pixels));
             let mut distance = planes.distance.chunks_mut(band_pixels);
             let mut interface = planes.interface.chunks_mut(band_pixels);
             for band in &mut bands {
@@ -177,6 +217,7 @@ impl Tree {
                     distance: distance.next().unwrap_or_default(),
                     interface: interface.next().unwrap_or_default(),
                     normal: normal.each_mut().map(|chunks| chunks.next().unwrap_or_default()),
+                    shape: shape.each_mut().map(|chunks| chunks.next().unwrap_or_default()),
                 });
             }
         }

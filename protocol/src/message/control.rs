@@ -1,6 +1,7 @@
 //! Messages that travel seldom. This is the one file that knows bincode (2.0, no longer developed, so that
 //! it can be replaced here alone): fixed-width little-endian integers, lengths checked before allocation.
 
+use crate::camera::Projection;
 use crate::codec::{DecodeError, FrameShape, Limits};
 use crate::frame::{FrameFormat, FrameId};
 use crate::{Camera, Pose, Timestamp};
@@ -58,6 +59,16 @@ impl Capabilities {
     }
 }
 
+/// What live frames show.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Viewport {
+    /// What the display shows, and more on the sides to which the head turns.
+    #[default]
+    Plane,
+    /// Everything around the head, on the six faces of a cube.
+    Cube,
+}
+
 /// What a client asks for.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Hello {
@@ -65,8 +76,10 @@ pub struct Hello {
     pub capabilities: Capabilities,
     /// Software and version, for logs.
     pub software: String,
-    /// Camera of the frames.
+    /// Camera of the display.
     pub camera: Camera,
+    /// What live frames show of what is around it.
+    pub viewport: Viewport,
     /// Frames per second it would like.
     pub frame_hz: f32,
     /// Formats of the planes.
@@ -76,7 +89,7 @@ pub struct Hello {
 impl Hello {
     pub(super) fn check(&self) -> Result<(), DecodeError> {
         self.capabilities.check()?;
-        if !self.camera.is_valid() {
+        if !self.camera.is_valid() || self.camera.projection != Projection::Perspective {
             return Err(DecodeError::Malformed {
                 field: "camera",
                 expected: "a size of 1 to 8192 pixels and a frustum that is not empty",
@@ -199,7 +212,7 @@ pub struct Statistics {
     pub counters: Vec<(String, u64)>,
 }
 
-/// Asks for a converged picture, everything composited by the server.
+/// Asks for a converged picture from any pose and through any camera; by default everything composited by the server.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct StillRequest {
     /// The client's number for it.
@@ -211,10 +224,20 @@ pub struct StillRequest {
     pub scene_time: Timestamp,
     /// Samples per pixel.
     pub spp: u32,
+    /// What it is seen through: that of the display, or one of the sheared ones that make up a lens.
+    pub camera: Camera,
+    /// Whether it comes with all nodes of a live frame, instead of composited: which pixel shows what kind of surface.
+    pub with_nodes: bool,
 }
 
 impl StillRequest {
     pub(super) fn check(&self) -> Result<(), DecodeError> {
+        if !self.camera.is_valid() || self.camera.projection != Projection::Perspective {
+            return Err(DecodeError::Malformed {
+                field: "camera",
+                expected: "a size of 1 to 8192 pixels and a frustum that is not empty",
+            });
+        }
         if self.spp == 0 {
             return Err(DecodeError::Malformed { field: "samples per pixel", expected: "at least 1" });
         }

@@ -8,7 +8,8 @@ mod control;
 mod frame_path;
 
 pub use control::{
-    Capabilities, ErrorCode, FrameAck, FrameBegin, FrameEnd, FramePurpose, Hello, Statistics, StillRequest, Welcome,
+    Capabilities, ErrorCode, FrameAck, FrameBegin, FrameEnd, FramePurpose, Hello, Statistics, StillRequest, Viewport,
+    Welcome,
 };
 pub use frame_path::{MAX_POSE_SAMPLES, PoseSample, StripMessage};
 
@@ -16,7 +17,7 @@ use crate::Timestamp;
 use crate::codec::{DecodeError, Limits};
 
 /// Version of the wire format; it changes with every change of bytes.
-pub const VERSION: u16 = 2;
+pub const VERSION: u16 = 3;
 
 /// First bytes of every session.
 pub const MAGIC: [u8; 4] = *b"WARP";

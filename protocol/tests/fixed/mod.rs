@@ -7,7 +7,7 @@ use warplight_protocol::codec::{FrameShape, StripEncoder};
 use warplight_protocol::frame::{DepthCoding, FrameFormat, FrameId, Interfaces, Plan, Tree, UNDEFINED};
 use warplight_protocol::message::{
     Capabilities, ErrorCode, FrameAck, FrameBegin, FrameEnd, FramePurpose, Hello, Message, PoseSample, Statistics,
-    StillRequest, StripMessage, Welcome,
+    StillRequest, StripMessage, Viewport, Welcome,
 };
 use warplight_protocol::optics::Interface;
 use warplight_protocol::wire::write_message;
@@ -26,10 +26,10 @@ fn at(micros: u64) -> Timestamp {
 /// 4 x 3 pixels of {D, R} in strips of two rows.
 pub(crate) fn shape() -> FrameShape {
     FrameShape {
-        camera: Camera {
-            size: ImageSize::new(4, 3),
-            fov: FieldOfView { left: -1.0, right: 1.0, down: -0.75, up: 0.75 },
-        },
+        camera: Camera::perspective(
+            ImageSize::new(4, 3),
+            FieldOfView { left: -1.0, right: 1.0, down: -0.75, up: 0.75 },
+        ),
         plan: Plan::mirror(),
         interfaces: Interfaces(vec![
             Interface::Mirror,
@@ -84,6 +84,7 @@ pub(crate) fn messages() -> Vec<Message> {
             capabilities: Capabilities::ALL,
             software: "client".to_owned(),
             camera,
+            viewport: Viewport::Plane,
             frame_hz: 30.0,
             format: FrameFormat { child_depth: DepthCoding::Relative, ..FrameFormat::default() },
         }),
@@ -123,7 +124,14 @@ pub(crate) fn messages() -> Vec<Message> {
             poses_ignored: 0,
             counters: vec![("rays.primary".to_owned(), 123)],
         }),
-        Message::StillRequest(StillRequest { number: 3, pose: pose(), scene_time: at(2_000_000), spp: 256 }),
+        Message::StillRequest(StillRequest {
+            number: 3,
+            pose: pose(),
+            scene_time: at(2_000_000),
+            spp: 256,
+            camera,
+            with_nodes: true,
+        }),
         Message::Ping(at(0x0102_0304)),
         Message::Pong(at(0x0102_0304)),
         Message::Error { code: ErrorCode::Limit, text: "too much".to_owned() },

@@ -17,6 +17,7 @@
 
 pub mod brute;
 mod build;
+mod curvature;
 mod hierarchy;
 mod kernel;
 mod lanes;

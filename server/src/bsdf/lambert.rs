@@ -10,16 +10,9 @@ use crate::scene::{Scene, Surface};
 use glam::{Vec2, Vec3};
 use std::f32::consts::{FRAC_1_PI, TAU};
 
-/// Two unit vectors that make a right-handed frame with the unit vector `normal` (Duff et al. 2017,
-/// "Building an Orthonormal Basis, Revisited").
+/// Two unit vectors that make a right-handed frame with the unit vector `normal`.
 pub(crate) fn tangents(normal: Vec3) -> (Vec3, Vec3) {
-    let sign = 1.0_f32.copysign(normal.z);
-    let a = -1.0 / (sign + normal.z);
-    let b = normal.x * normal.y * a;
-    (
-        Vec3::new(1.0 + sign * normal.x * normal.x * a, sign * b, -sign * normal.x),
-        Vec3::new(b, sign + normal.y * normal.y * a, -normal.y),
-    )
+    warplight_protocol::curvature::tangents(normal).into()
 }
 
 /// A direction about `normal` with the density cos / pi (Malley's method).

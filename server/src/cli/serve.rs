@@ -2,7 +2,7 @@
 
 use super::{Failure, load_scene};
 use crate::net;
-use crate::service::{DEFAULT_MAX_DEPTH, Estimator, Service, ServiceOptions};
+use crate::service::{DEFAULT_GUARD_DEG, DEFAULT_MAX_DEPTH, Estimator, Service, ServiceOptions, guard_deg};
 use crate::session::SampleBudget;
 use anyhow::{Context, anyhow};
 use clap::Args;
@@ -43,6 +43,9 @@ pub(super) struct ServeArgs {
     /// Nodes of a frame, as D,R,F,FF,FFR; by default those that the scene calls for.
     #[arg(long, value_name = "NODES")]
     plan: Option<Plan>,
+    /// Widest band that a frame shows beyond each side of a display that turns, in degrees; 0 for none.
+    #[arg(long, value_name = "MAX", default_value_t = DEFAULT_GUARD_DEG, value_parser = guard_deg)]
+    guard_deg: f64,
 }
 
 /// Serves until SIGINT or SIGTERM.
@@ -66,6 +69,7 @@ pub(super) fn run(args: &ServeArgs) -> Result<(), Failure> {
         threads: usize::from(args.threads),
         still_threads: usize::from(args.threads),
         plan: args.plan.clone(),
+        guard_deg: args.guard_deg,
     };
     let runtime = tokio::runtime::Builder::new_current_thread()
         .enable_all()

@@ -92,6 +92,8 @@ struct Guide {
 struct Points {
     eye: Option<Eye>,
     size: ImageSize,
+    /// Rows of a face: those beyond are no neighbours.
+    face_rows: u32,
     /// By node and pixel: which point is there.
     index: Vec<u32>,
     sites: Vec<Site>,
@@ -130,7 +132,8 @@ impl Glossy {
     /// Begins a frame.
     pub(super) fn begin(&mut self, eye: &Eye, size: ImageSize, nodes: usize) {
         std::mem::swap(&mut self.now, &mut self.before);
-        if self.before.size != size || self.before.index.len() != nodes * size.pixels() {
+        // A frame of another size is no obstacle: history is found by where it was seen.
+        if self.before.index.len() != nodes * self.before.size.pixels() {
             self.before.eye = None;
         }
         let Points { index, sites, guides, .. } = &mut self.now;
@@ -141,6 +144,7 @@ impl Glossy {
         index.resize(nodes * size.pixels(), NONE);
         self.now.eye = Some(*eye);
         self.now.size = size;
+        self.now.face_rows = eye.camera.rows_of_face();
     }
 
     /// Takes a band's points, the bands one after the other.
@@ -223,7 +227,7 @@ impl GlossyPoint {
 impl Default for Points {
     fn default() -> Points {
         let (index, sites, guides, history) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
-        Points { eye: None, size: ImageSize::new(0, 0), index, sites, guides, history }
+        Points { eye: None, size: ImageSize::new(0, 0), face_rows: u32::MAX, index, sites, guides, history }
     }
 }
 
@@ -242,9 +246,14 @@ impl Points {
         Some(self.index[place]).filter(|&point| point != NONE).map(|point| point as usize)
     }
 
-    /// The point beside another one.
+    /// The point beside another one, in the same face.
     fn beside(&self, site: Site, columns: i32, rows: i32) -> Option<usize> {
-        self.at(site.node, i32::from(site.column) + columns, i32::from(site.row) + rows)
+        let row = i32::from(site.row) + rows;
+        let face = |row: u32| row / self.face_rows.max(1);
+        if row < 0 || face(row as u32) != face(u32::from(site.row)) {
+            return None;
+        }
+        self.at(site.node, i32::from(site.column) + columns, row)
     }
 }
 

@@ -13,13 +13,15 @@
 //! first. All pixels progress evenly, and the samples of a pixel follow one low-discrepancy sequence.
 //!
 //! Limits: a view counts as the same within [`TOLERANCE_PX`] of the first, for things not nearer than [`NEAREST_M`];
-//! what is kept is a mean over such views. `max_depth` holds for these paths, as it does for stills. Cost: 32 bytes per
+//! what is kept is a mean over such views. A picture that becomes smaller keeps the sums of what it still shows, one
+//! that becomes larger begins anew: then the head has begun to move. `max_depth` holds for these paths, as it does for stills. Cost: 32 bytes per
 //! node and pixel, and about the time of one more pass over the picture.
 
 use super::{BAND_ROWS, FrameRequest, SceneVersion};
 use crate::cache::luminance;
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
+use warplight_protocol::ImageSize;
 use warplight_protocol::frame::TreeRows;
 
 /// Views that differ by less count as one: a hundredth of the blur that is to be removed.
@@ -75,6 +77,8 @@ pub(super) struct Rest {
     tiles: Vec<Tile>,
     columns: usize,
     nodes: usize,
+    /// Rows of tiles of a face, between which nothing is interpolated.
+    tile_rows_of_face: usize,
     /// Samples that a pixel has by now, up to one.
     progress: f64,
 }
@@ -90,18 +94,46 @@ pub(super) struct Step {
 }
 
 impl Rest {
-    /// Whether this frame shows what the last one did, in the same state of the scene. Otherwise the rest begins
-    /// anew with this view.
+    /// Whether this frame shows what the last one did or a part of it, in the same state of the scene. Otherwise the
+    /// rest begins anew with this view.
     pub(super) fn continues(&mut self, request: &FrameRequest, version: SceneVersion) -> bool {
-        let same = self
-            .anchor
-            .as_ref()
-            .is_some_and(|anchor| anchor.version.shows_what(&version) && is_same(&anchor.request, request));
-        if !same {
-            self.anchor = Some(Anchor { request: request.clone(), version });
-            self.progress = 0.0;
+        let anchor = self.anchor.as_ref().filter(|anchor| anchor.version.shows_what(&version));
+        let part = anchor.and_then(|anchor| part_of(&anchor.request, request));
+        match (part, &mut self.anchor) {
+            (Some(offset), Some(anchor)) if anchor.request.camera != request.camera => {
+                let before = anchor.request.camera.size;
+                anchor.request.camera = request.camera;
+                self.crop(before, offset, request);
+            }
+            (Some(_), _) => {}
+            (None, anchor) => {
+                *anchor = Some(Anchor { request: request.clone(), version });
+                self.progress = 0.0;
+            }
         }
-        same
+        part.is_some()
+    }
+
+    /// Keeps the sums of the part of the picture that is still shown.
+    fn crop(&mut self, before: ImageSize, [left, top]: [u32; 2], request: &FrameRequest) {
+        // Nothing has been summed yet.
+        if self.progress == 0.0 {
+            return;
+        }
+        let (band, size) = (BAND_ROWS as usize, request.camera.size);
+        let (old_columns, columns) = (before.width as usize, size.width as usize);
+        let [old_per_band, per_band] = [old_columns, columns].map(|columns| self.nodes * band * columns);
+        let mut sums = vec![PixelSum::default(); size.height.div_ceil(BAND_ROWS) as usize * per_band];
+        for row in 0..size.height as usize {
+            let old_row = row + top as usize;
+            for node in 0..self.nodes {
+                let from = old_row / band * old_per_band
+                    + Rest::place(node, old_row % band * old_columns + left as usize, old_columns);
+                let to = row / band * per_band + Rest::place(node, row % band * columns, columns);
+                sums[to..to + columns].copy_from_slice(&self.sums[from..from + columns]);
+            }
+        }
+        self.sums = sums;
     }
 
     /// Begins a resting frame that adds so many samples per pixel.
@@ -109,12 +141,14 @@ impl Rest {
         let size = request.camera.size;
         self.columns = size.width as usize;
         self.nodes = request.plan.nodes().len();
+        self.tile_rows_of_face = (request.camera.rows_of_face() as usize).div_ceil(TILE).max(1);
         let bands = size.height.div_ceil(BAND_ROWS) as usize;
         if self.progress == 0.0 {
             self.sums.clear();
             self.sums.resize(bands * self.sums_per_band(), PixelSum::default());
         }
         self.tiles.resize(bands * self.tiles_per_band(), Tile::default());
+        debug_assert_eq!(self.sums.len(), bands * self.sums_per_band());
         let before = self.progress;
         self.progress += samples_per_pixel.max(1e-6);
         let seed = self.anchor.as_ref().map_or(0, |anchor| anchor.request.seed);
@@ -146,8 +180,8 @@ impl Rest {
     /// Mixes the means into the rows, which hold the picture of the cache.
     pub(super) fn mix(&mut self, rows: &mut [TreeRows<'_>]) {
         let (sums_per_band, tiles_per_band) = (self.sums_per_band(), self.tiles_per_band());
-        let Rest { sums, tiles, columns, nodes, .. } = self;
-        let (columns, nodes) = (*columns, *nodes);
+        let Rest { sums, tiles, columns, nodes, tile_rows_of_face, .. } = self;
+        let (columns, nodes, rows_of_face) = (*columns, *nodes, *tile_rows_of_face);
         let across = columns.div_ceil(TILE);
         let sums_of = sums.par_chunks(sums_per_band);
         tiles.par_chunks_mut(tiles_per_band).zip(sums_of).zip(&*rows).for_each(|((tiles, sums), rows)| {
@@ -176,7 +210,9 @@ impl Rest {
                         let position = ((index as f32 + 0.5) / TILE as f32 - 0.5).clamp(0.0, (count - 1) as f32);
                         (position as usize, (position as usize + 1).min(count - 1), position.fract())
                     };
-                    let (top, bottom, down) = between(row, bands * TILE_ROWS);
+                    let first = row / (rows_of_face * TILE) * rows_of_face;
+                    let (top, bottom, down) = between(row - first * TILE, rows_of_face.min(bands * TILE_ROWS - first));
+                    let (top, bottom) = (first + top, first + bottom);
                     let (left, right, along) = between(column, across);
                     let upper = tile_at(node, top, left).mixed(&tile_at(node, top, right), along);
                     let lower = tile_at(node, bottom, left).mixed(&tile_at(node, bottom, right), along);
@@ -260,12 +296,13 @@ impl Tile {
     }
 }
 
-/// Whether two frames show the same, as far as [`TOLERANCE_PX`] tells.
-fn is_same(a: &FrameRequest, b: &FrameRequest) -> bool {
+/// Where in the picture of `a` that of `b` begins, if it shows the same or a part of it, as far as [`TOLERANCE_PX`]
+/// tells.
+fn part_of(a: &FrameRequest, b: &FrameRequest) -> Option<[u32; 2]> {
     let tolerance_rad = TOLERANCE_PX / f64::from(a.camera.focal_px().max_element());
-    a.camera == b.camera
-        && a.plan == b.plan
+    let same = a.plan == b.plan
         && a.max_depth == b.max_depth
         && a.render_pose.angle_to(&b.render_pose) <= tolerance_rad
-        && (a.render_pose.position - b.render_pose.position).length() <= tolerance_rad * NEAREST_M
+        && (a.render_pose.position - b.render_pose.position).length() <= tolerance_rad * NEAREST_M;
+    if same { b.camera.offset_in(&a.camera) } else { None }
 }

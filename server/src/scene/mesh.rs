@@ -54,7 +54,7 @@ impl Mesh {
     /// Puts `part` behind what is there, moved by `world_from_part` (formed in f64, so that a deep chain of
     /// nodes loses nothing) and its materials renamed by `material`. A mirroring transform turns the
     /// triangles over, so that their outside stays the outside.
-    pub(super) fn append(
+    pub(crate) fn append(
         &mut self,
         part: &Mesh,
         world_from_part: &DAffine3,

@@ -1,15 +1,15 @@
-//! What a frame costs: a fixed part, and a part per sample.
+//! What a frame costs: a part per pixel, and a part per sample.
 //!
 //! Method: recursive least squares with forgetting (Kalman filter of two constants that drift) on the measured
-//! times of frames. Where all frames have the same number of samples only their sum is known, and the split
-//! stays what it was. Limits: at most [`MAX_STEP`] times more samples from one frame to the next, since a cost
+//! times of frames. Where all frames have the same samples per pixel only their sum is known, and the split
+//! stays what it was. Frames differ in size (see `guard`), so samples are counted per pixel. Limits: at most [`MAX_STEP`] times more samples from one frame to the next, since a cost
 //! that was never measured may be wrong.
 
 /// Largest growth of the number of samples from frame to frame.
 const MAX_STEP: f64 = 2.0;
 /// Weight of the past in each step: half of it is gone after five frames.
 const MEMORY: f64 = 0.87;
-/// Share of the first frame's time that is taken as fixed before a second one is measured.
+/// Share of the first frame's time that is taken as its pixels' before a second one is measured.
 const FIRST_FIXED: f64 = 0.5;
 
 /// The cost of frames of one session, in milliseconds.
@@ -20,9 +20,10 @@ pub(super) struct FrameCost {
 
 #[derive(Clone, Debug)]
 struct Model {
-    /// Samples of the last frame: the unit of samples here, so that both parts are of the same size.
+    /// Samples per pixel of the first frame, and its pixels: the units here, so that both parts are of the same size.
     unit: f64,
-    /// Fixed part, and that of one unit.
+    pixels: f64,
+    /// Part of one unit of pixels, and of one unit of samples.
     parts: [f64; 2],
     /// Their covariance, over that of a measurement.
     covariance: [[f64; 2]; 2],
@@ -30,19 +31,21 @@ struct Model {
 }
 
 impl FrameCost {
-    /// A frame with so many samples took so long.
-    pub(super) fn measure(&mut self, samples: f64, millis: f64) {
-        let samples = samples.max(f64::MIN_POSITIVE);
+    /// A frame with so many pixels and samples per pixel (of any unit, but always the same) took so long.
+    pub(super) fn measure(&mut self, pixels: f64, samples: f64, millis: f64) {
+        let (pixels, samples) = (pixels.max(1.0), samples.max(f64::MIN_POSITIVE));
         let Some(model) = &mut self.model else {
             let parts = [millis * FIRST_FIXED, millis * (1.0 - FIRST_FIXED)];
-            self.model = Some(Model { unit: samples, parts, covariance: [[0.5, -0.5], [-0.5, 0.5]], last: samples });
+            let covariance = [[0.5, -0.5], [-0.5, 0.5]];
+            self.model = Some(Model { unit: samples, pixels, parts, covariance, last: samples });
             return;
         };
-        let x = [1.0, samples / model.unit];
+        let size = pixels / model.pixels;
+        let x = [size, size * samples / model.unit];
         let p = &mut model.covariance;
         let px = [p[0][0] * x[0] + p[0][1] * x[1], p[1][0] * x[0] + p[1][1] * x[1]];
         let innovation = MEMORY + x[0] * px[0] + x[1] * px[1];
-        let error = millis - model.parts[0] - model.parts[1] * x[1];
+        let error = millis - model.parts[0] * x[0] - model.parts[1] * x[1];
         for row in 0..2 {
             model.parts[row] = (model.parts[row] + px[row] / innovation * error).max(0.0);
             for column in 0..2 {
@@ -53,10 +56,11 @@ impl FrameCost {
         model.last = samples;
     }
 
-    /// Samples of a frame that takes `budget_millis`; `first` where nothing has been measured yet.
-    pub(super) fn samples_within(&self, budget_millis: f64, first: f64) -> f64 {
+    /// Samples per pixel of a frame of so many pixels that takes `budget_millis`; `first` where nothing has been
+    /// measured yet.
+    pub(super) fn samples_within(&self, pixels: f64, budget_millis: f64, first: f64) -> f64 {
         let Some(model) = &self.model else { return first };
-        let units = (budget_millis - model.parts[0]) / model.parts[1].max(1e-3);
+        let units = (budget_millis * model.pixels / pixels.max(1.0) - model.parts[0]) / model.parts[1].max(1e-3);
         (units * model.unit).clamp(model.last / MAX_STEP, model.last * MAX_STEP)
     }
 }
@@ -83,6 +87,8 @@ impl BudgetFit {
 mod tests {
     use super::*;
 
+    const PIXELS: f64 = 1e5;
+
     #[test]
     fn a_budget_that_is_too_small_is_told_once() {
         let mut fit = BudgetFit::default();
@@ -96,10 +102,10 @@ mod tests {
         let mut cost = FrameCost::default();
         let mut times = Vec::new();
         for frame in 0..frames {
-            let samples = cost.samples_within(budget, 1000.0).max(1.0);
+            let samples = cost.samples_within(PIXELS, budget, 1000.0).max(1.0);
             // A machine is never quite the same.
             let millis = (fixed + per_sample * samples) * (1.0 + 0.03 * (f64::from(frame) * 2.4).sin());
-            cost.measure(samples, millis);
+            cost.measure(PIXELS, samples, millis);
             times.push(millis);
         }
         times
@@ -126,10 +132,28 @@ mod tests {
         let mut cost = FrameCost::default();
         let mut millis = 0.0;
         for frame in 0..80 {
-            let samples = cost.samples_within(80.0, 1000.0).max(1.0);
+            let samples = cost.samples_within(PIXELS, 80.0, 1000.0).max(1.0);
             millis = if frame < 40 { 20.0 + 0.001 * samples } else { 40.0 + 0.004 * samples };
-            cost.measure(samples, millis);
+            cost.measure(PIXELS, samples, millis);
         }
         assert!((millis - 80.0).abs() < 12.0, "{millis}");
+    }
+
+    #[test]
+    fn a_frame_that_grows_gets_fewer_samples_before_it_is_late() {
+        let mut cost = FrameCost::default();
+        for frame in 0..60 {
+            let size = if frame % 20 < 10 { 1.0 } else { 1.6 };
+            let samples = cost.samples_within(size * PIXELS, 80.0, 1000.0).max(1.0);
+            let millis = size * (30.0 + 0.01 * samples);
+            cost.measure(size * PIXELS, samples, millis);
+            if frame >= 20 {
+                assert!(millis < 88.0, "frame {frame} of size {size}: {millis} ms");
+            }
+            // Going back to the smaller size, samples take two frames to grow by more than twice.
+            if frame >= 20 && frame % 10 >= 2 {
+                assert!(millis > 72.0, "frame {frame} of size {size}: {millis} ms");
+            }
+        }
     }
 }

@@ -9,20 +9,23 @@
 //! under way; a frame that has not begun to be sent is replaced by the next, never queued behind it.
 
 mod cost;
+mod guard;
 mod outbox;
 
-use crate::predict::Predictor;
+use crate::predict::{Predictor, damped};
 use cost::{BudgetFit, FrameCost};
+use guard::Guard;
 use outbox::Outbox;
 use std::collections::VecDeque;
 use std::time::Duration;
 use warplight_protocol::codec::{DecodeError, FrameShape, Limits};
 use warplight_protocol::frame::{ColorFormat, FrameFormat, FrameId, Interfaces, Plan};
 use warplight_protocol::message::{
-    Capabilities, ErrorCode, FrameBegin, FrameEnd, FramePurpose, Hello, Message, Statistics, StillRequest, Welcome,
+    Capabilities, ErrorCode, FrameBegin, FrameEnd, FramePurpose, Hello, Message, Statistics, StillRequest, Viewport,
+    Welcome,
 };
 use warplight_protocol::wire::Deframer;
-use warplight_protocol::{Pose, Timestamp};
+use warplight_protocol::{Camera, ImageSize, Pose, Timestamp};
 
 pub use outbox::MAX_UNACKNOWLEDGED;
 
@@ -74,6 +77,8 @@ pub struct SessionConfig {
     pub max_still_spp: u32,
     /// Rows per strip.
     pub strip_rows: u16,
+    /// How much more than the display a live frame shows at most, on each side.
+    pub guard_rad: f64,
     /// What the peer may ask for.
     pub limits: Limits,
 }
@@ -124,6 +129,11 @@ pub struct ServerSession {
     next_ping: Timestamp,
     last_heard: Timestamp,
     latency_secs: f64,
+    guard: Guard,
+    /// What a live frame shows where that is everything.
+    cube: Camera,
+    /// When the last live frame was begun.
+    last_begun: Option<Timestamp>,
     cost: FrameCost,
     fit: BudgetFit,
     statistics: Statistics,
@@ -134,6 +144,7 @@ struct Rendering {
     id: FrameId,
     is_live: bool,
     samples_per_1024_px: u32,
+    pixels: usize,
     end: FrameEnd,
 }
 
@@ -142,6 +153,9 @@ impl ServerSession {
     pub fn new(config: SessionConfig, now: Timestamp) -> ServerSession {
         ServerSession {
             deframer: Deframer::new(config.limits),
+            guard: Guard::new(config.guard_rad),
+            cube: Camera::symmetric(1.0, ImageSize::new(1, 1)),
+            last_begun: None,
             config,
             hello: None,
             end: None,
@@ -191,6 +205,7 @@ impl ServerSession {
                 for sample in samples {
                     if self.predictor.push(sample) {
                         self.pose_received = now;
+                        self.guard.turning(sample.time, self.predictor.turning_rad_per_s());
                     }
                 }
                 self.statistics.poses_ignored = self.predictor.ignored();
@@ -205,7 +220,12 @@ impl ServerSession {
             Message::StillRequest(_) if self.stills.len() >= MAX_STILLS => {
                 return Err(DecodeError::LimitExceeded { limit: MAX_STILLS, requested: self.stills.len() + 1 });
             }
-            Message::StillRequest(request) => self.stills.push_back(request),
+            Message::StillRequest(request) => {
+                if let Some(hello) = &self.hello {
+                    self.shape_of_still(hello, &request).check(&self.config.limits)?;
+                }
+                self.stills.push_back(request);
+            }
             Message::Ping(time) => self.outbox.push_control(Message::Pong(time)),
             Message::Pong(_) => {}
             Message::Welcome(_)
@@ -220,7 +240,12 @@ impl ServerSession {
     }
 
     fn on_hello(&mut self, now: Timestamp, hello: Hello) -> Result<(), DecodeError> {
-        self.shape_for(&hello, FramePurpose::Live).check(&self.config.limits)?;
+        self.fits(&hello, hello.camera)?;
+        self.cube = match hello.viewport {
+            Viewport::Plane => hello.camera,
+            Viewport::Cube => self.cube_for(&hello),
+        };
+        self.fits(&hello, self.cube)?;
         self.outbox.push_control(Message::Welcome(Welcome {
             capabilities: Capabilities::ALL,
             software: concat!("warplight-server ", env!("CARGO_PKG_VERSION")).to_owned(),
@@ -234,14 +259,53 @@ impl ServerSession {
         Ok(())
     }
 
-    fn shape_for(&self, hello: &Hello, purpose: FramePurpose) -> FrameShape {
+    fn shape_for(&self, hello: &Hello, purpose: FramePurpose, camera: Camera) -> FrameShape {
         let still_format = FrameFormat { color: ColorFormat::Half, ..hello.format };
         let (plan, interfaces, format) = match purpose {
             FramePurpose::Live => (self.config.plan.clone(), self.config.interfaces.clone(), hello.format),
             FramePurpose::Still(_) => (Plan::diffuse(), Interfaces::default(), still_format),
         };
         let exposure = self.config.exposure;
-        FrameShape { camera: hello.camera, plan, interfaces, format, strip_rows: self.config.strip_rows, exposure }
+        FrameShape { camera, plan, interfaces, format, strip_rows: self.config.strip_rows, exposure }
+    }
+
+    /// Whether a live frame of this camera is within the limits.
+    fn fits(&self, hello: &Hello, camera: Camera) -> Result<(), DecodeError> {
+        self.shape_for(hello, FramePurpose::Live, camera).check(&self.config.limits)
+    }
+
+    /// The cube around the display, with coarser pixels where its own would exceed the limits.
+    fn cube_for(&self, hello: &Hello) -> Camera {
+        let mut camera = Camera::cube(&hello.camera, u32::MAX);
+        while self.fits(hello, camera).is_err() {
+            let smaller = Camera::cube(&hello.camera, camera.size.width.saturating_sub(1));
+            if smaller == camera {
+                break;
+            }
+            camera = smaller;
+        }
+        camera
+    }
+
+    /// What a live frame shows that is begun after `beat` without one.
+    fn live_camera(&mut self, hello: &Hello, beat: Duration, horizon: Duration) -> Camera {
+        if hello.viewport == Viewport::Cube {
+            return self.cube;
+        }
+        // It is shown until the next one is there, which takes as long as this one did after the last.
+        let age = Duration::from_secs_f64(self.latency_secs).min(MAX_SCENE_HORIZON) + beat.min(MAX_SCENE_HORIZON);
+        let wider = hello.camera.widened(self.guard.margins(&hello.camera, age, damped(horizon)));
+        if self.fits(hello, wider).is_ok() { wider } else { hello.camera }
+    }
+
+    /// A still has a camera of its own, and nodes only where they are asked for.
+    fn shape_of_still(&self, hello: &Hello, still: &StillRequest) -> FrameShape {
+        let mut shape = self.shape_for(hello, FramePurpose::Still(still.number), still.camera);
+        if still.with_nodes {
+            shape.plan.clone_from(&self.config.plan);
+            shape.interfaces.clone_from(&self.config.interfaces);
+        }
+        shape
     }
 
     /// The next frame to render, if one is due and none is being rendered. Live frames go before stills.
@@ -250,6 +314,8 @@ impl ServerSession {
             return None;
         }
         let hello = self.hello.clone()?;
+        let mut camera = hello.camera;
+        let mut still_shape = None;
         let (purpose, pose, horizon, scene_time, samples_per_1024_px) = if self.live_frame_is_due(now) {
             let horizon = Duration::from_secs_f64(self.latency_secs).min(MAX_HORIZON);
             self.rendered_pose = self.predictor.latest_time();
@@ -260,10 +326,18 @@ impl ServerSession {
             // Where the head will be is guessed, where things move is known: not cut off at the same horizon.
             let latency = Duration::from_secs_f64(self.latency_secs).min(MAX_SCENE_HORIZON);
             let scene_time = self.rendered_pose? + latency;
-            (FramePurpose::Live, self.predictor.predict(horizon)?, horizon, scene_time, self.live_samples())
+            let beat = self.last_begun.replace(now).map_or(interval, |last| now.since(last)).max(interval);
+            camera = self.live_camera(&hello, beat, horizon);
+            let mut pose = self.predictor.predict(horizon)?;
+            if hello.viewport == Viewport::Cube {
+                // Faces along the axes of the world: a head that only turns gets the same rays again.
+                pose.orientation = glam::DQuat::IDENTITY;
+            }
+            (FramePurpose::Live, pose, horizon, scene_time, self.live_samples(camera.size.pixels()))
         } else if self.outbox.is_idle() {
             let still = self.stills.pop_front()?;
             let spp = still.spp.clamp(1, self.config.max_still_spp);
+            still_shape = Some(self.shape_of_still(&hello, &still));
             (FramePurpose::Still(still.number), still.pose, Duration::ZERO, still.scene_time, spp.saturating_mul(1024))
         } else {
             return None;
@@ -276,7 +350,9 @@ impl ServerSession {
         let pose_received = if is_live { self.pose_received } else { now };
         let spp = samples_per_1024_px.div_ceil(1024);
         let end = FrameEnd { id, pose_received, render_start: now, render_end: now, encoded: now, sent: now, spp };
-        self.rendering = Some(Rendering { id, is_live, samples_per_1024_px, end });
+        let shape = still_shape.unwrap_or_else(|| self.shape_for(&hello, purpose, camera));
+        let pixels = shape.camera.size.pixels();
+        self.rendering = Some(Rendering { id, is_live, samples_per_1024_px, pixels, end });
         let begin = FrameBegin {
             id,
             purpose,
@@ -284,7 +360,7 @@ impl ServerSession {
             horizon_micros: horizon.as_micros() as u32,
             scene_time,
             render_pose,
-            shape: self.shape_for(&hello, purpose),
+            shape,
         };
         self.outbox.prepare(begin.clone());
         Some(RenderJob { begin, spp, samples_per_1024_px })
@@ -295,14 +371,15 @@ impl ServerSession {
         now >= self.next_frame_due && self.predictor.latest_time() > self.rendered_pose && !self.outbox.holds_still()
     }
 
-    /// Samples per 1024 pixels of the next live frame.
-    fn live_samples(&self) -> u32 {
+    /// Samples per 1024 pixels of the next live frame, which has so many pixels.
+    fn live_samples(&self, pixels: usize) -> u32 {
         const MOST: f64 = 4096.0 * PIXELS_PER_UNIT;
         const FIRST: f64 = 0.1 * PIXELS_PER_UNIT;
         match self.config.samples {
             SampleBudget::Samples(spp) => spp.max(1).saturating_mul(PIXELS_PER_UNIT as u32),
             SampleBudget::Time(budget) => {
-                self.cost.samples_within(budget.as_secs_f64() * 1e3, FIRST).clamp(LEAST_SAMPLES, MOST) as u32
+                self.cost.samples_within(pixels as f64, budget.as_secs_f64() * 1e3, FIRST).clamp(LEAST_SAMPLES, MOST)
+                    as u32
             }
         }
     }
@@ -334,7 +411,7 @@ impl ServerSession {
         if rendering.is_live {
             let millis = now.since(rendering.end.render_start).as_secs_f64() * 1e3;
             let samples = f64::from(rendering.samples_per_1024_px);
-            self.cost.measure(samples, millis);
+            self.cost.measure(rendering.pixels as f64, samples, millis);
             if let SampleBudget::Time(budget) = self.config.samples {
                 let budget_millis = budget.as_secs_f64() * 1e3;
                 if self.fit.does_not(samples <= LEAST_SAMPLES && millis > budget_millis) {

@@ -1,5 +1,5 @@
 use super::*;
-use warplight_protocol::message::{FrameAck, PoseSample, VERSION};
+use warplight_protocol::message::{FrameAck, PoseSample, VERSION, Viewport};
 use warplight_protocol::wire::write_message;
 use warplight_protocol::{Camera, ImageSize};
 
@@ -14,6 +14,7 @@ fn config() -> SessionConfig {
         samples: SampleBudget::Samples(1),
         max_still_spp: 16,
         strip_rows: 16,
+        guard_rad: 0.0,
         limits: Limits::default(),
     }
 }
@@ -23,6 +24,7 @@ fn hello() -> Hello {
         capabilities: Capabilities::ALL,
         software: "test".to_owned(),
         camera: Camera::symmetric(1.0, ImageSize::new(16, 16)),
+        viewport: Viewport::Plane,
         frame_hz: 10.0,
         format: FrameFormat::default(),
     }
@@ -147,14 +149,38 @@ fn strips_leave_before_the_frame_is_whole() {
     assert_eq!(statistics.counters, [("rays.primary".to_owned(), 3)]);
 }
 
+fn still(spp: u32) -> StillRequest {
+    let camera = Camera::symmetric(0.7, ImageSize::new(16, 8));
+    StillRequest { number: 3, pose: Pose::IDENTITY, scene_time: at(7), spp, camera, with_nodes: false }
+}
+
+#[test]
+fn a_still_has_its_own_camera_and_the_nodes_of_live_frames_where_they_are_asked_for() {
+    let mut session = open();
+    session.config.plan = Plan::mirror();
+    let request = StillRequest { with_nodes: true, ..still(1) };
+    say(&mut session, at(1), Message::StillRequest(request));
+    let shape = session.poll_render(at(1)).unwrap().begin.shape;
+    assert_eq!((shape.camera, shape.plan), (request.camera, Plan::mirror()));
+    assert_eq!(shape.format.color, ColorFormat::Half);
+}
+
+#[test]
+fn a_still_larger_than_the_limits_ends_the_session() {
+    let mut session = open();
+    let camera = Camera::symmetric(0.7, ImageSize::new(8192, 8192));
+    say(&mut session, at(1), Message::StillRequest(StillRequest { camera, ..still(1) }));
+    assert!(
+        matches!(session.end(), Some(SessionEnd::Decode(DecodeError::LimitExceeded { .. }))),
+        "{:?}",
+        session.end()
+    );
+}
+
 #[test]
 fn a_still_is_rendered_when_no_live_frame_is_due() {
     let mut session = open();
-    say(
-        &mut session,
-        at(1),
-        Message::StillRequest(StillRequest { number: 3, pose: Pose::IDENTITY, scene_time: at(7), spp: 1_000_000 }),
-    );
+    say(&mut session, at(1), Message::StillRequest(still(1_000_000)));
     let job = session.poll_render(at(1)).unwrap();
     assert_eq!(job.begin.purpose, FramePurpose::Still(3));
     assert_eq!(job.begin.scene_time, at(7));
@@ -166,11 +192,7 @@ fn a_still_is_rendered_when_no_live_frame_is_due() {
 #[test]
 fn a_still_is_never_replaced() {
     let mut session = open();
-    say(
-        &mut session,
-        at(1),
-        Message::StillRequest(StillRequest { number: 3, pose: Pose::IDENTITY, scene_time: at(7), spp: 4 }),
-    );
+    say(&mut session, at(1), Message::StillRequest(still(4)));
     render(&mut session, at(1)).unwrap();
     pose(&mut session, at(2));
     assert_eq!(render(&mut session, at(2)), None, "the still has not left");
@@ -223,4 +245,85 @@ fn what_a_client_must_not_say_ends_the_session() {
         assert!(matches!(session.end(), Some(SessionEnd::Decode(_))));
         assert!(matches!(heard(&mut session, at(0)).last(), Some(Message::Error { .. })));
     }
+}
+
+/// Frames of 10 Hz for a head that turns left at `rad_per_s`, each ready after 60 ms.
+fn sizes_of_turning_frames(config: SessionConfig, rad_per_s: f64) -> Vec<Camera> {
+    let mut session = ServerSession::new(config, at(0));
+    let hello = Hello { camera: Camera::symmetric(1.0, ImageSize::new(256, 256)), ..hello() };
+    say(&mut session, at(0), Message::Hello(hello));
+    let mut cameras = Vec::new();
+    for step in 0..100_u64 {
+        let now = at(10 * step);
+        let orientation = glam::DQuat::from_rotation_y(rad_per_s * 0.01 * step as f64);
+        let pose = Pose { orientation, ..Pose::IDENTITY };
+        say(&mut session, now, Message::Poses(vec![PoseSample { time: now, pose }]));
+        let Some(job) = session.poll_render(now) else { continue };
+        cameras.push(job.begin.shape.camera);
+        session.on_strip(now, job.begin.id, vec![7; 5]);
+        session.on_render_end(now, job.begin.id, now, vec![]);
+        heard(&mut session, now);
+        say(&mut session, now, Message::FrameAck(FrameAck { id: job.begin.id, pose_to_ready_micros: 60_000 }));
+    }
+    cameras
+}
+
+#[test]
+fn a_head_that_turns_is_sent_more_on_the_side_that_it_turns_to() {
+    let config = SessionConfig { guard_rad: 0.2, ..config() };
+    let display = Camera::symmetric(1.0, ImageSize::new(256, 256));
+    let cameras = sizes_of_turning_frames(config.clone(), 1.0);
+    let [left, _] = display.offset_in(cameras.last().unwrap()).unwrap();
+    let right = cameras.last().unwrap().size.width - 256 - left;
+    // 60 + 100 ms less the 52 ms that the damped prediction is worth, at 1 rad/s: 0.108 rad or some 33 px at the edge.
+    assert!((32..=48).contains(&left) && right <= 32 && right < left, "{left} and {right}");
+    assert!(sizes_of_turning_frames(config, 0.0).iter().all(|camera| *camera == display), "at rest");
+    let off = SessionConfig { guard_rad: 0.0, ..self::config() };
+    assert!(sizes_of_turning_frames(off, 1.0).iter().all(|camera| *camera == display), "switched off");
+}
+
+#[test]
+fn a_band_beyond_the_limits_is_left_out() {
+    let limits = Limits { frame_pixels: 256 * 256 + 100, ..Limits::default() };
+    let config = SessionConfig { guard_rad: 0.2, limits, ..config() };
+    let display = Camera::symmetric(1.0, ImageSize::new(256, 256));
+    assert!(sizes_of_turning_frames(config, 1.0).iter().all(|camera| *camera == display));
+}
+
+#[test]
+fn a_client_that_asks_for_cubes_gets_them_along_the_axes_of_the_world_and_flat_stills() {
+    let mut session = ServerSession::new(SessionConfig { guard_rad: 0.2, ..config() }, at(0));
+    say(&mut session, at(0), Message::Hello(Hello { viewport: Viewport::Cube, ..hello() }));
+    let orientation = glam::DQuat::from_rotation_y(0.7);
+    let head = Pose { position: glam::DVec3::new(1.0, 2.0, 3.0), orientation };
+    // As it travels.
+    let head = Pose::from_wire(&head.to_wire().unwrap()).unwrap();
+    say(&mut session, at(1), Message::Poses(vec![PoseSample { time: at(1), pose: head }]));
+    let job = session.poll_render(at(1)).unwrap();
+    assert_eq!(job.begin.shape.camera, Camera::cube(&hello().camera, u32::MAX));
+    assert_eq!(job.begin.render_pose, Pose { orientation: glam::DQuat::IDENTITY, ..head });
+    session.on_strip(at(1), job.begin.id, vec![7; 5]);
+    session.on_render_end(at(1), job.begin.id, at(1), vec![]);
+    heard(&mut session, at(1));
+    let request =
+        StillRequest { number: 1, pose: head, scene_time: at(1), spp: 1, camera: hello().camera, with_nodes: false };
+    say(&mut session, at(2), Message::StillRequest(request));
+    let still = session.poll_render(at(2)).unwrap().begin;
+    assert_eq!((still.shape.camera, still.render_pose), (hello().camera, head));
+}
+
+#[test]
+fn a_cube_beyond_the_limits_is_coarser_and_one_that_cannot_be_is_refused() {
+    let opened = |frame_pixels: usize| {
+        let limits = Limits { frame_pixels, ..Limits::default() };
+        let mut session = ServerSession::new(SessionConfig { limits, ..config() }, at(0));
+        let camera = Camera::symmetric(1.0, ImageSize::new(48, 48));
+        say(&mut session, at(0), Message::Hello(Hello { viewport: Viewport::Cube, camera, ..hello() }));
+        (session.cube, session.end)
+    };
+    let wanted = Camera::cube(&Camera::symmetric(1.0, ImageSize::new(48, 48)), u32::MAX);
+    assert_eq!(opened(1 << 24), (wanted, None));
+    let (coarser, end) = opened(6 * 64 * 64);
+    assert_eq!((coarser.size, end), (ImageSize::new(64, 384), None));
+    assert!(matches!(opened(6 * 31 * 31).1, Some(SessionEnd::Decode(DecodeError::LimitExceeded { .. }))));
 }

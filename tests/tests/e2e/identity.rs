@@ -1,14 +1,17 @@
 //! An unmoved head sees what the server sees: a frame of the gallery, over the wire and through the warp.
 
 use image::RgbImage;
-use std::sync::Mutex;
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
-use warplight_client::assemble::Assembler;
+use warplight_client::assemble::{Assembler, ReadyFrame};
 use warplight_client::warp::{Mode, Warper};
+use warplight_protocol::codec::Limits;
 use warplight_protocol::frame::{FrameFormat, Tree, flatten};
-use warplight_protocol::message::{Capabilities, FrameEnd, Hello, Message, PoseSample, StripMessage};
+use warplight_protocol::message::{
+    Capabilities, FrameBegin, FrameEnd, Hello, Message, PoseSample, StripMessage, Viewport,
+};
 use warplight_protocol::tone::display_from_radiance;
-use warplight_protocol::wire::write_message;
+use warplight_protocol::wire::{Deframer, write_message};
 use warplight_protocol::{Camera, ImageSize, Timestamp};
 use warplight_server::scene::Scene;
 use warplight_server::service::{Service, ServiceOptions};
@@ -24,17 +27,23 @@ fn image_of(tree: &Tree, exposure: f32) -> RgbImage {
     RgbImage::from_raw(size.width, size.height, codes).unwrap()
 }
 
-#[test]
-fn a_frame_of_the_gallery_shown_at_its_own_pose_is_the_servers_image_to_the_bit() {
+/// A frame as it was rendered, and as it arrived.
+struct Sent {
+    stream: FrameStream,
+    ready: Arc<ReadyFrame>,
+    exposure: f32,
+}
+
+/// The first frame of the gallery for a client with this display.
+fn sent(camera: Camera, viewport: Viewport) -> Sent {
     let options = ServiceOptions { samples: SampleBudget::Samples(4), seed: 3, ..ServiceOptions::default() };
     let service = Service::new(Scene::load("gallery").unwrap(), options).unwrap();
     let (head, exposure) = (service.session.head, service.session.exposure);
     let mut session = ServerSession::new(service.session.clone(), Timestamp::ZERO);
     let mut bytes = Vec::new();
-    let camera = Camera::symmetric(1.4, ImageSize::new(160, 120));
     let software = "test".to_owned();
-    let hello =
-        Hello { capabilities: Capabilities::ALL, software, camera, frame_hz: 10.0, format: FrameFormat::default() };
+    let format = FrameFormat::default();
+    let hello = Hello { capabilities: Capabilities::ALL, software, camera, viewport, frame_hz: 10.0, format };
     write_message(&Message::Hello(hello), &mut bytes);
     write_message(&Message::Poses(vec![PoseSample { time: Timestamp { micros: 1 }, pose: head }]), &mut bytes);
     session.on_bytes(Timestamp::ZERO, &bytes);
@@ -45,7 +54,7 @@ fn a_frame_of_the_gallery_shown_at_its_own_pose_is_the_servers_image_to_the_bit(
     stream.run(&job, &|| (), &|strip| strips.lock().unwrap().push(strip));
     let mut assembler = Assembler::default();
     let frame = job.begin.id;
-    assembler.begin(job.begin.clone());
+    assembler.begin(over_the_wire(job.begin));
     for bytes in strips.into_inner().unwrap() {
         assembler.strip(&StripMessage { frame, bytes }, || Duration::ZERO).unwrap();
     }
@@ -59,9 +68,33 @@ fn a_frame_of_the_gallery_shown_at_its_own_pose_is_the_servers_image_to_the_bit(
         sent: zero,
         spp: 4,
     };
-    let ready = assembler.end(end, zero, zero).unwrap();
-    assert_eq!(ready.tree.plan.nodes().len(), 4, "the gallery has mirrors, water and glass");
+    Sent { stream, ready: assembler.end(end, zero, zero).unwrap(), exposure }
+}
 
+fn over_the_wire(begin: FrameBegin) -> FrameBegin {
+    let mut bytes = Vec::new();
+    write_message(&Message::FrameBegin(begin), &mut bytes);
+    let mut deframer = Deframer::new(Limits::default());
+    deframer.push(&bytes);
+    match deframer.next_message().unwrap() {
+        Some(Message::FrameBegin(begin)) => begin,
+        other => panic!("{other:?} is no head of a frame"),
+    }
+}
+
+/// What quantisation costs: the image before it differs by a code or two, and where a node saturates.
+fn assert_is_but_quantised(picture: &RgbImage, stream: &FrameStream, exposure: f32) {
+    let unquantised = image_of(stream.tree(), exposure);
+    let differences = picture.iter().zip(unquantised.iter()).map(|(a, b)| a.abs_diff(*b));
+    let beyond_two = differences.filter(|&difference| difference > 2).count() as f64 / picture.len() as f64;
+    assert!(beyond_two < 0.02, "{beyond_two} of all codes are off by more than 2");
+}
+
+#[test]
+fn a_frame_of_the_gallery_shown_at_its_own_pose_is_the_servers_image_to_the_bit() {
+    let camera = Camera::symmetric(1.4, ImageSize::new(160, 120));
+    let Sent { stream, ready, exposure } = sent(camera, Viewport::Plane);
+    assert_eq!(ready.tree.plan.nodes().len(), 4, "the gallery has mirrors, water and glass");
     let mut warper = Warper::default();
     let mut picture = RgbImage::default();
     for mode in Mode::ALL {
@@ -70,10 +103,18 @@ fn a_frame_of_the_gallery_shown_at_its_own_pose_is_the_servers_image_to_the_bit(
         assert_eq!(statistics.hole_fraction, 0.0);
         assert!(picture == image_of(&ready.tree, exposure), "{}: not the image of the tree sent", mode.name());
     }
+    assert_is_but_quantised(&picture, &stream, exposure);
+}
 
-    // What quantisation costs: the image before it differs by a code or two, and where a node saturates.
-    let unquantised = image_of(stream.tree(), exposure);
-    let differences = picture.iter().zip(unquantised.iter()).map(|(a, b)| a.abs_diff(*b));
-    let beyond_two = differences.filter(|&difference| difference > 2).count() as f64 / picture.len() as f64;
-    assert!(beyond_two < 0.02, "{beyond_two} of all codes are off by more than 2");
+#[test]
+fn a_cube_of_the_gallery_arrives_as_it_was_rendered_but_for_quantisation() {
+    let camera = Camera::symmetric(1.4, ImageSize::new(48, 48));
+    let Sent { stream, ready, exposure } = sent(camera, Viewport::Cube);
+    assert_eq!(ready.tree.camera, Camera::cube(&camera, u32::MAX));
+    assert_eq!(ready.tree.camera, stream.tree().camera);
+    assert_is_but_quantised(&image_of(&ready.tree, exposure), &stream, exposure);
+    // Distances of 16-bit codes of z, in every face as in any other.
+    for (pixel, (&was, &is)) in stream.tree().nodes[0].distance.iter().zip(&ready.tree.nodes[0].distance).enumerate() {
+        assert!(was == is || (is / was - 1.0).abs() < 2e-3, "pixel {pixel}: {is} m for {was} m");
+    }
 }

@@ -2,12 +2,14 @@
 
 use std::path::PathBuf;
 use std::time::Duration;
+use warplight_client::display::Optics;
 use warplight_client::link::LinkModel;
 use warplight_client::replay::{Circumstances, ModelledTimes, ReplayPlan, assess, report_from, run_virtual};
 use warplight_client::report::{ClockKind, Report};
 use warplight_client::trace::Trace;
-use warplight_client::warp::Mode;
+use warplight_client::warp::{Mode, Normals, Solver};
 use warplight_protocol::frame::FrameFormat;
+use warplight_protocol::message::Viewport;
 use warplight_protocol::{Camera, ImageSize};
 use warplight_server::scene::Scene;
 use warplight_server::service::{Estimator, Service, ServiceOptions};
@@ -21,6 +23,12 @@ fn plan(trace: Trace, seconds: f64, size: ImageSize) -> ReplayPlan {
         frame_hz: 10.0,
         display_hz: 60.0,
         mode: Mode::Diffuse,
+        modes: Mode::ALL.to_vec(),
+        optics: Optics::default(),
+        viewport: Viewport::Plane,
+        solver: Solver::default(),
+        normals: Normals::default(),
+        earlier_frames: 0,
         format: FrameFormat::default(),
         quality_every: 40,
         quality_spp: 16,
@@ -29,12 +37,12 @@ fn plan(trace: Trace, seconds: f64, size: ImageSize) -> ReplayPlan {
 
 fn replay(plan: &ReplayPlan, scene: &str, spp: u32, seed: u64) -> Report {
     let (samples, estimator) = (SampleBudget::Samples(spp), Estimator::default());
-    let options = ServiceOptions { samples, estimator, max_depth: 4, seed, threads: 0, still_threads: 0, plan: None };
+    let options = ServiceOptions { samples, estimator, max_depth: 4, seed, ..ServiceOptions::default() };
     let service = Service::new(Scene::load(scene).unwrap(), options).unwrap();
     let link =
         LinkModel { latency: Duration::from_millis(20), jitter: Duration::from_millis(5), ..LinkModel::default() };
     let recording = run_virtual(plan, service, link, ModelledTimes::default(), seed, &mut |_| ()).unwrap();
-    let quality = assess(&recording, &plan.camera, &mut |_| ()).unwrap();
+    let quality = assess(&recording, plan, &mut |_| ()).unwrap();
     let circumstances =
         Circumstances { trace: "test".to_owned(), seed, clock: ClockKind::Virtual, link: Some(link), warnings: vec![] };
     report_from(plan, &recording, &quality, circumstances)

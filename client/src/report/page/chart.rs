@@ -14,9 +14,9 @@ use plotters::style::text_anchor::{HPos, Pos, VPos};
 const WIDTH: u32 = 560;
 const HEIGHT: u32 = 300;
 /// Size of the text in the same units; plotters divides by 1.24.
-const TEXT: f64 = 17.0;
+pub(super) const TEXT: f64 = 17.0;
 /// Stands for the colour of the text; nothing else is drawn in it.
-const INK: RGBColor = RGBColor(1, 2, 3);
+pub(super) const INK: RGBColor = RGBColor(1, 2, 3);
 /// Most points of a line: two per unit of width would not be seen.
 const MAX_POINTS: usize = 600;
 /// Height of a bar with its gap, in chart units.
@@ -34,7 +34,7 @@ pub(super) const COLOURS: [RGBColor; 8] = [
     RGBColor(120, 128, 137),
 ];
 
-type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
+pub(super) type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
 
 /// One line of a chart; a point without a value is a gap.
 pub(super) struct Line {
@@ -202,7 +202,7 @@ fn tick(value: f64, range: f64) -> String {
 }
 
 /// What plotters wrote, fit for the page: scalable, in the page's ink and font, described.
-fn adapted(svg: &str, description: &str) -> String {
+pub(super) fn adapted(svg: &str, description: &str) -> String {
     let body = svg.split_once('>').map_or("", |(_, body)| body);
     let opening = svg.split_once('>').map_or("", |(opening, _)| opening);
     let view_box = opening.split_once("viewBox=\"").and_then(|(_, rest)| rest.split_once('"')).map_or("", |(b, _)| b);

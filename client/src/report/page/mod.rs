@@ -8,6 +8,7 @@ mod chart;
 mod html;
 mod pictures;
 mod plots;
+pub(crate) mod scatter;
 mod tables;
 
 use super::{Report, write_whole};
@@ -59,7 +60,7 @@ pub fn page(input: PageInput<'_>) -> io::Result<String> {
         cards(report),
         warnings(report),
         pictures::section(input.pictures)?,
-        section("Image quality", &[plots::quality(report), tables::quality(report)]),
+        section("Image quality", &[plots::quality(report), tables::quality(report), tables::nodes(report)]),
         section("Latency and prediction", &[plots::latency(report), tables::latency(report)]),
         section("Bandwidth and work", &[plots::bandwidth(report), tables::link_and_work(report)]),
         footer(report),
@@ -150,10 +151,12 @@ fn footer(report: &Report) -> String {
             .map_or(String::new(), |noise_db| format!("; its own noise is {} dB", figure(noise_db)));
         format!(" The reference has {} samples per pixel{noise}.", reference.spp)
     });
+    let optics = report.optics.map_or(String::new(), |optics| format!(" {}", optics.in_words()));
     format!(
         "<footer>\n<p>Quality compares what was displayed with the server’s converged rendering of the same display \
          pose, as 8-bit sRGB. PSNR: higher is better. DSSIM is (1 − SSIM) / 2 on luminance (Wang et al. 2004), FLIP \
-         the mean noticed difference at 67 pixels per degree (Andersson et al. 2020): lower is better.{reference}</p>\n\
+         the mean noticed difference at 67 pixels per degree (Andersson et al. 2020): lower is better.{reference}{optics}\
+         </p>\n\
          <p>Frame age runs from the head pose a frame was rendered for to its presentation; motion to photon from \
          the head pose an image was warped to. The numbers behind this page are in <code>report.json</code>.</p>\n\
          </footer>\n"
@@ -215,7 +218,7 @@ mod tests {
         check_nesting(&html);
         assert_eq!(html.matches("<img ").count(), html.matches(" alt=\"").count());
         assert_eq!(html.matches("<svg ").count(), html.matches("role=\"img\" aria-label=\"").count());
-        assert!(html.matches("<svg ").count() >= 5 && html.matches("<img ").count() == 18);
+        assert!(html.matches("<svg ").count() >= 5 && html.matches("<img ").count() == 26);
     }
 
     #[test]

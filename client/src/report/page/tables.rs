@@ -19,9 +19,67 @@ pub(super) fn quality(report: &Report) -> String {
         cells.push(count(quality.compared_frames));
         cells
     };
+    let specular = specular(report);
     let columns = ["Mode", "PSNR, dB", "worst", "DSSIM", "p95", "FLIP", "p95", "Holes, %", "p95", "Frames"];
     let rows: Vec<Vec<String>> = report.quality.iter().map(row).collect();
-    table("Image error by mode, medians and tails", &columns, &rows)
+    table("Image error by mode, medians and tails", &columns, &rows) + &specular + &eyes(report)
+}
+
+fn median(spread: Option<Percentiles>, scale: f64) -> String {
+    spread.map_or("–".into(), |spread| figure(spread.p50 * scale))
+}
+
+/// Over the pixels that show a specular surface; nothing where no compared picture has any.
+fn specular(report: &Report) -> String {
+    let rows: Vec<Vec<String>> = report
+        .quality
+        .iter()
+        .filter_map(|quality| {
+            let specular = quality.specular?;
+            let metrics = [specular.psnr_db, specular.dssim, specular.flip].map(|spread| median(spread, 1.0));
+            let mut cells = vec![escaped(&quality.mode)];
+            cells.extend(metrics);
+            cells.push(median(specular.pixel_fraction, 100.0));
+            Some(cells)
+        })
+        .collect();
+    let columns = ["Mode", "PSNR, dB", "DSSIM", "FLIP", "Pixels, %"];
+    let caption = "Over the pixels of the reference that show a mirror, water or glass, medians";
+    if rows.is_empty() { String::new() } else { table(caption, &columns, &rows) }
+}
+
+/// By eye, where each has its own picture.
+fn eyes(report: &Report) -> String {
+    let rows: Vec<Vec<String>> = report
+        .quality
+        .iter()
+        .flat_map(|quality| {
+            quality.eyes.iter().map(|(eye, of_eye)| {
+                let metrics = [of_eye.psnr_db, of_eye.dssim, of_eye.flip].map(|spread| median(spread, 1.0));
+                let mut cells = vec![format!("{} <small>{}</small>", escaped(&quality.mode), escaped(eye))];
+                cells.extend(metrics);
+                cells
+            })
+        })
+        .collect();
+    let caption = "By eye, each against its own reference, medians";
+    if rows.is_empty() { String::new() } else { table(caption, &["Mode", "PSNR, dB", "DSSIM", "FLIP"], &rows) }
+}
+
+/// What each node of mode `specular` lacked.
+pub(super) fn nodes(report: &Report) -> String {
+    let specular = &report.specular;
+    let row = |node: &crate::report::NodeReport| {
+        let mut cells = vec![escaped(&node.node)];
+        for spread in [node.seen, node.undefined, node.filled] {
+            cells.extend([spread.p50, spread.p95].map(|fraction| figure(100.0 * fraction)));
+        }
+        cells
+    };
+    let caption =
+        format!("Nodes of mode specular: solver {}, normals {}", escaped(&specular.solver), escaped(&specular.normals));
+    let columns = ["Node", "Seen, % of the picture", "p95", "Not found, % of it", "p95", "Filled, % of it", "p95"];
+    table(&caption, &columns, &specular.nodes.iter().map(row).collect::<Vec<_>>())
 }
 
 /// Delays end to end, the prediction that hides them, and delays per stage in the order of the pipeline.
@@ -45,9 +103,10 @@ pub(super) fn latency(report: &Report) -> String {
     };
     let stages: Vec<Vec<String>> = stages.into_iter().map(stage).collect();
     format!(
-        "<div class=\"tables\">\n<div>{}{}</div>\n<div>{}</div></div>\n",
+        "<div class=\"tables\">\n<div>{}{}{}</div>\n<div>{}</div></div>\n",
         table("End to end", &COLUMNS, &whole),
         prediction(report),
+        viewport(report),
         table("Per stage", &COLUMNS, &stages)
     )
 }
@@ -76,6 +135,18 @@ fn link(report: &Report) -> String {
         }
     }
     table("Link", &["", "Value"], &rows)
+}
+
+/// What frames show beyond the display.
+fn viewport(report: &Report) -> String {
+    let viewport = &report.viewport;
+    let sizes = [
+        ("guard band, degrees", viewport.guard_deg),
+        ("pixels for each of the display", viewport.pixels_per_display_pixel),
+    ];
+    let rows: Vec<Vec<String>> =
+        sizes.into_iter().filter_map(|(name, spread)| Some(row(name.into(), spread?))).collect();
+    table("What frames show beyond the display", &["Frame", "p50", "p95", "p99", "max", "Samples"], &rows)
 }
 
 /// How well the head pose was predicted.
@@ -107,6 +178,14 @@ fn row(name: String, spread: Percentiles) -> Vec<String> {
 mod tests {
     use super::*;
     use crate::report::sample;
+
+    #[test]
+    fn every_node_has_a_row() {
+        let report = sample::report();
+        let html = nodes(&report);
+        assert_eq!(html.matches("scope=\"row\"").count(), report.specular.nodes.len());
+        assert!(html.contains("solver frozen-distance, normals transmitted"));
+    }
 
     #[test]
     fn stages_stand_in_the_order_of_the_pipeline() {

@@ -6,6 +6,8 @@
 #![allow(unsafe_code, reason = "intrinsics; see above. What reads or writes memory says why it may")]
 
 use super::{Floats, Integers, Mask, shortest};
+use crate::warp::texture::{DROPPED, EXPONENT, Texel};
+use glam::Vec4;
 use std::arch::x86_64::*;
 use std::ops::{Add, BitAnd, BitOr, Div, Mul, Neg, Not, Sub};
 
@@ -92,6 +94,18 @@ impl Integers for I32x8 {
     fn upper_half(self) -> I32x8 {
         // SAFETY: arithmetic, in a kernel of this level.
         I32x8(unsafe { _mm256_and_si256(self.0, _mm256_set1_epi32(!0xffff)) })
+    }
+    #[inline(always)]
+    fn store_colors(self, to: &mut [[u8; 3]], at: usize) {
+        // SAFETY: arithmetic, in a kernel of this level, which includes SSSE3.
+        let bytes = unsafe {
+            let order = _mm_setr_epi8(0, 1, 2, 4, 5, 6, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1);
+            let halves = _mm_packs_epi32(_mm256_castsi256_si128(self.0), _mm256_extracti128_si256::<1>(self.0));
+            _mm_cvtsi128_si64(_mm_shuffle_epi8(_mm_packus_epi16(halves, halves), order)).to_le_bytes()
+        };
+        let to = to[at..].as_flattened_mut();
+        let count = to.len().min(6);
+        to[..count].copy_from_slice(&bytes[..count]);
     }
     #[inline(always)]
     fn store(self, to: &mut [u32], at: usize) {
@@ -212,6 +226,23 @@ impl Floats for F32x8 {
         I32x8(unsafe { _mm256_castps_si256(self.0) })
     }
     #[inline(always)]
+    fn load_vectors(from: &[Vec4], at: usize) -> F32x8 {
+        let from = &from[at..];
+        if from.len() >= LANES / 4 {
+            // SAFETY: there are as many numbers, and the load needs no alignment.
+            F32x8(unsafe { _mm256_loadu_ps(from.as_ptr().cast()) })
+        } else {
+            let mut lanes = [Vec4::ZERO; LANES / 4];
+            lanes[..from.len()].copy_from_slice(from);
+            // SAFETY: as above.
+            F32x8(unsafe { _mm256_loadu_ps(lanes.as_ptr().cast()) })
+        }
+    }
+    #[inline(always)]
+    fn blend(texels: &[Texel], first: usize, pitch: usize, x: f32, y: f32) -> Vec4 {
+        blend(texels, first, pitch, x, y)
+    }
+    #[inline(always)]
     fn pack_upper(self, low: F32x8) -> I32x8 {
         // SAFETY: arithmetic, in a kernel of this level.
         I32x8(unsafe {
@@ -241,5 +272,34 @@ impl Floats for F32x8 {
             *found = I32x8(unsafe { _mm256_i32gather_epi32::<4>(plane.as_ptr().cast(), index.0) });
         }
         found
+    }
+}
+
+/// Both texels of a row at once, then both rows, then the halves of what that gives.
+#[inline(always)]
+pub(super) fn blend(texels: &[Texel], first: usize, pitch: usize, x: f32, y: f32) -> Vec4 {
+    assert!(first < texels.len() && first + pitch + 1 < texels.len() && pitch > 0, "texels around {first}");
+    // SAFETY: arithmetic, in a kernel of this level or of AVX-512, which has all that this one has. Both pairs of texels
+    // were just found to be there.
+    unsafe {
+        let upper = texels.as_ptr().add(first);
+        let (upper, lower) = (widened(upper), widened(upper.add(pitch)));
+        let column = _mm256_fmadd_ps(_mm256_sub_ps(lower, upper), _mm256_set1_ps(y), upper);
+        let (left, right) = (_mm256_castps256_ps128(column), _mm256_extractf128_ps::<1>(column));
+        Vec4::from(_mm_fmadd_ps(_mm_sub_ps(right, left), _mm_set1_ps(x), left))
+    }
+}
+
+/// The floats of two texels.
+///
+/// # Safety
+/// They must be there; in a kernel of AVX2.
+#[inline(always)]
+unsafe fn widened(pair: *const Texel) -> __m256 {
+    // SAFETY: sixteen bytes are read, those of two texels.
+    unsafe {
+        let codes = _mm256_cvtepu16_epi32(_mm_loadu_si128(pair.cast()));
+        let bits = _mm256_slli_epi32::<{ DROPPED as i32 }>(codes);
+        _mm256_castsi256_ps(_mm256_add_epi32(bits, _mm256_set1_epi32(EXPONENT as i32)))
     }
 }

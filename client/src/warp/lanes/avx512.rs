@@ -6,6 +6,8 @@
 #![allow(unsafe_code, reason = "intrinsics; see above. What reads or writes memory says why it may")]
 
 use super::{Floats, Integers, Mask, shortest};
+use crate::warp::texture::Texel;
+use glam::Vec4;
 use std::arch::x86_64::*;
 use std::ops::{Add, BitAnd, BitOr, Div, Mul, Neg, Not, Sub};
 
@@ -105,6 +107,26 @@ impl Integers for I32x16 {
     fn upper_half(self) -> I32x16 {
         // SAFETY: arithmetic, in a kernel of this level.
         I32x16(unsafe { _mm512_and_si512(self.0, _mm512_set1_epi32(!0xffff)) })
+    }
+    #[inline(always)]
+    fn store_colors(self, to: &mut [[u8; 3]], at: usize) {
+        // SAFETY: arithmetic, in a kernel of this level; AVX-512 includes SSE4.1.
+        let (low, high) = unsafe {
+            let order = _mm_setr_epi8(0, 1, 2, 4, 5, 6, 8, 9, 10, 12, 13, 14, -1, -1, -1, -1);
+            let packed = _mm_shuffle_epi8(_mm512_cvtepi32_epi8(self.0), order);
+            (_mm_cvtsi128_si64(packed), _mm_extract_epi32::<2>(packed))
+        };
+        let to = to[at..].as_flattened_mut();
+        match to.first_chunk_mut::<12>() {
+            Some(to) => {
+                to[..8].copy_from_slice(&low.to_le_bytes());
+                to[8..].copy_from_slice(&high.to_le_bytes());
+            }
+            None => {
+                let bytes = low.to_le_bytes().into_iter().chain(high.to_le_bytes());
+                to.iter_mut().zip(bytes).for_each(|(to, byte)| *to = byte);
+            }
+        }
     }
     #[inline(always)]
     fn store(self, to: &mut [u32], at: usize) {
@@ -219,6 +241,23 @@ impl Floats for F32x16 {
     fn as_integers(self) -> I32x16 {
         // SAFETY: arithmetic, in a kernel of this level.
         I32x16(unsafe { _mm512_castps_si512(self.0) })
+    }
+    #[inline(always)]
+    fn load_vectors(from: &[Vec4], at: usize) -> F32x16 {
+        let from = &from[at..];
+        if from.len() >= LANES / 4 {
+            // SAFETY: there are as many numbers, and the load needs no alignment.
+            F32x16(unsafe { _mm512_loadu_ps(from.as_ptr().cast()) })
+        } else {
+            let mut lanes = [Vec4::ZERO; LANES / 4];
+            lanes[..from.len()].copy_from_slice(from);
+            // SAFETY: as above.
+            F32x16(unsafe { _mm512_loadu_ps(lanes.as_ptr().cast()) })
+        }
+    }
+    #[inline(always)]
+    fn blend(texels: &[Texel], first: usize, pitch: usize, x: f32, y: f32) -> Vec4 {
+        super::avx2::blend(texels, first, pitch, x, y)
     }
     #[inline(always)]
     fn pack_upper(self, low: F32x16) -> I32x16 {

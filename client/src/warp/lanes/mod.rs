@@ -23,6 +23,8 @@ pub(super) use avx512::F32x16;
 pub(super) use portable::Portable;
 pub(super) use vector::Vector;
 
+use super::texture::Texel;
+use glam::Vec4;
 use std::ops::{Add, BitAnd, BitOr, Div, Mul, Neg, Not, Sub};
 
 /// Most lanes of any level: room for one vector on the stack.
@@ -89,6 +91,8 @@ pub(super) trait Integers: Copy + Add<Output = Self> + Mul<Output = Self> {
     fn upper_half(self) -> Self;
     /// Stores the lanes.
     fn store(self, to: &mut [u32], at: usize);
+    /// Stores the lowest bytes of the first three of every four lanes into `to[at..]`, as far as it reaches.
+    fn store_colors(self, to: &mut [[u8; 3]], at: usize);
 }
 
 /// Floats of 32 bits, one per lane.
@@ -127,6 +131,11 @@ pub(super) trait Floats:
     fn truncate(self) -> Self::Integers;
     /// The bits.
     fn as_integers(self) -> Self::Integers;
+    /// The numbers of `from[at..]`, as many vectors as there is room for; zero beyond its end.
+    fn load_vectors(from: &[Vec4], at: usize) -> Self;
+    /// Between the texels `first`, `first + 1` and those `pitch` further, with the offset of their codes (see `texture`)
+    /// still on them; `x` and `y` are the weights of the right and of the lower ones.
+    fn blend(texels: &[Texel], first: usize, pitch: usize, x: f32, y: f32) -> Vec4;
     /// Upper halves of two floats, rounded to nearest: `low` in the lower half word, `self` in the upper.
     fn pack_upper(self, low: Self) -> Self::Integers;
     /// `from[index]` of each plane. Panics where an index is beyond the end of any.
@@ -182,11 +191,11 @@ pub(super) fn as_floats<I: Integers, const N: usize>(words: [I; N]) -> [I::Float
 /// whoever calls it; so must be all that it calls with lanes. Closures and what takes them (`map` of arrays) are not,
 /// and where the compiler leaves one standing, each instruction in it becomes a call.
 macro_rules! kernel {
-    ($(#[$meta:meta])* fn $name:ident = $generic:ident($($argument:ident: $kind:ty),* $(,)?) $(-> $result:ty)?) => {
+    ($(#[$meta:meta])* $vis:vis fn $name:ident = $generic:ident($($argument:ident: $kind:ty),* $(,)?) $(-> $result:ty)?) => {
         $(#[$meta])*
         #[allow(clippy::too_many_arguments)]
         #[allow(unsafe_code, reason = "calls a function compiled for an instruction set that the level says is there")]
-        fn $name(level: $crate::warp::lanes::Level, $($argument: $kind),*) $(-> $result)? {
+        $vis fn $name(level: $crate::warp::lanes::Level, $($argument: $kind),*) $(-> $result)? {
             use $crate::warp::lanes::Level;
             #[cfg(target_arch = "x86_64")]
             #[target_feature(enable = "avx2,fma")]

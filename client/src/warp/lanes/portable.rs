@@ -1,6 +1,8 @@
 //! Eight floats as an array: what every compiler turns into the vectors of its target.
 
 use super::{Floats, Integers, Mask};
+use crate::warp::texture::{Texel, unpack};
+use glam::Vec4;
 use std::array::from_fn;
 use std::ops::{Add, BitAnd, BitOr, Div, Mul, Neg, Not, Sub};
 
@@ -80,6 +82,12 @@ impl Integers for PortableIntegers {
         PortableIntegers(self.0.map(|a| a & !0xffff))
     }
     #[inline(always)]
+    fn store_colors(self, to: &mut [[u8; 3]], at: usize) {
+        for (to, lanes) in to[at..].iter_mut().zip(self.0.chunks_exact(4)) {
+            *to = [lanes[0] as u8, lanes[1] as u8, lanes[2] as u8];
+        }
+    }
+    #[inline(always)]
     fn store(self, to: &mut [u32], at: usize) {
         for (to, lane) in to[at..].iter_mut().zip(self.0) {
             *to = lane as u32;
@@ -148,6 +156,21 @@ impl Floats for Portable {
     #[inline(always)]
     fn as_integers(self) -> PortableIntegers {
         PortableIntegers(self.0.map(|a| a.to_bits() as i32))
+    }
+    #[inline(always)]
+    fn load_vectors(from: &[Vec4], at: usize) -> Portable {
+        let mut lanes = [0.0; LANES];
+        for (lanes, vector) in lanes.chunks_exact_mut(4).zip(&from[at..]) {
+            lanes.copy_from_slice(&vector.to_array());
+        }
+        Portable(lanes)
+    }
+    #[inline(always)]
+    fn blend(texels: &[Texel], first: usize, pitch: usize, x: f32, y: f32) -> Vec4 {
+        let (a, b) = (unpack(texels[first]), unpack(texels[first + 1]));
+        let (c, d) = (unpack(texels[first + pitch]), unpack(texels[first + pitch + 1]));
+        let (left, right) = (a + (c - a) * y, b + (d - b) * y);
+        left + (right - left) * x
     }
     #[inline(always)]
     fn pack_upper(self, low: Portable) -> PortableIntegers {

@@ -1,17 +1,17 @@
 //! Children: rays that leave a boundary, the points they end at, and how those move from texel to texel.
 
-use super::root::{EDGE, columns, flag, image_row};
-use super::scratch::{NodeScratch, PAD, Plane, ROWS, Scratch};
-use super::{BAND, Band, FAR_M, HALO, Input};
-use crate::warp::exit::shape_operator;
+use super::root::{EDGE, columns, flag};
+use super::scratch::{NodeScratch, PAD, Plane, Scratch};
+use super::{BAND, BOUNDARY_ENDS, Band, FAR_M, Input, MAX_HALO};
+use crate::warp::exit::{shape_operator, turned};
 use crate::warp::lanes::{Floats, Integers, Mask, Vector};
 use crate::warp::optic::leaving;
 
 /// Relative second difference of a child's distance above which its block is rough: a depth edge of what is seen
 /// in the boundary.
 const REACH_BEND: f32 = 0.03;
-/// Texels over which the shape operator is taken: the remaining noise of the normals falls with it.
-const SHAPE_REACH: usize = HALO;
+/// Texels over which the shape operator is taken where it is not sent: the remaining noise of the normals falls with it.
+pub(super) const SHAPE_REACH: usize = MAX_HALO;
 
 /// A row of a node and of its parent.
 #[derive(Clone, Copy)]
@@ -67,8 +67,8 @@ pub(super) fn trace<F: Floats>(input: &Input<'_>, first: usize, child: usize, sc
     let node = input.nodes[child];
     let (before, after) = scratch.nodes.split_at_mut(child);
     let (parent, to) = (&before[usize::from(node.parent)], &mut after[0]);
-    for row in 0..ROWS {
-        let Some(y) = image_row(first, row, input.height) else {
+    for row in 0..input.rows() {
+        let Some(y) = input.image_row(first, row) else {
             to.known.row_mut(row).fill(0.0);
             continue;
         };
@@ -166,7 +166,7 @@ pub(super) fn write<F: Floats>(input: &Input<'_>, band: &mut Band<'_>, child: us
     for row in 0..BAND.min(input.height - band.first) {
         let at_row = row * layout.pitch + first_plane;
         let (points, slopes) = band.planes[at_row..at_row + 6 * stride].split_at_mut(3 * stride);
-        let at = row + HALO;
+        let at = row + input.halo;
         let above = Row::new(scratch, parent, own, parent, at - 1);
         let here = Row::new(scratch, parent, own, parent, at);
         let below = Row::new(scratch, parent, own, parent, at + 1);
@@ -181,7 +181,7 @@ pub(super) fn write<F: Floats>(input: &Input<'_>, band: &mut Band<'_>, child: us
             }
             let reach = F::load(here.reach, own.x);
             let (point, ray) = (vector::<F>(&here.parent_point, own.x), vector::<F>(&here.direction, own.x));
-            let mut rough = 0;
+            let (mut rough, mut edge) = (0, 0);
             let mut along = [Vector([F::zero(); 3]); 2];
             for (along, [before, after]) in along.iter_mut().zip(sides(own, 1, &above, &below)) {
                 let pair = neighbours::<F>(own, [before, after]);
@@ -194,10 +194,15 @@ pub(super) fn write<F: Floats>(input: &Input<'_>, band: &mut Band<'_>, child: us
                     pair.slope(ray, vector(&before.row.direction, before.x), vector(&after.row.direction, after.x));
                 let (s, t) = (F::load(before.row.reach, before.x), F::load(after.row.reach, after.x));
                 let bends = (reach * F::splat(REACH_BEND)).lt((s + t - reach - reach).abs());
-                rough |= ((bends | !(pair.before & pair.after)) & is_known).bits();
+                let ends = !(pair.before & pair.after) & is_known;
+                rough |= ((bends & is_known) | ends).bits();
+                edge |= ends.bits();
                 *along = of_point.along(of_ray, reach);
             }
             flag(input, band.roughness, row, x, rough & columns(x, input.width), 1 << child);
+            if input.nodes[child].parent == 0 {
+                flag(input, band.roughness, row, x, edge & columns(x, input.width), BOUNDARY_ENDS);
+            }
             let shown = point.along(ray, reach);
             for axis in 0..3 {
                 let plane = axis * stride..(axis + 1) * stride;
@@ -210,6 +215,26 @@ pub(super) fn write<F: Floats>(input: &Input<'_>, band: &mut Band<'_>, child: us
     }
 }
 
+/// Differences of point and normal between the neighbours along a row and across rows.
+#[inline(always)]
+fn differences<F: Floats>(own: At<'_>, normal: Vector<F>, sides: [[At<'_>; 2]; 2]) -> [(Vector<F>, Vector<F>); 2] {
+    let point = vector::<F>(&own.row.point, own.x);
+    let mut differences = [(normal, normal); 2];
+    for (difference, [before, after]) in differences.iter_mut().zip(sides) {
+        let pair = neighbours::<F>(own, [before, after]);
+        difference.0 = pair.slope(point, vector(&before.row.point, before.x), vector(&after.row.point, after.x));
+        difference.1 = pair.slope(normal, vector(&before.row.normal, before.x), vector(&after.row.normal, after.x));
+    }
+    differences
+}
+
+/// Values of three whole planes from a texel on; lanes behind the end of the row are of the next.
+#[inline(always)]
+fn load<F: Floats>(planes: &[Vec<f32>; 3], pixel: usize) -> [F; 3] {
+    let [a, b, c] = planes;
+    [F::load(a, pixel), F::load(b, pixel), F::load(c, pixel)]
+}
+
 /// Writes boundary and normal of a node, and but for the root the shape operator of its surface.
 #[inline(always)]
 pub(super) fn write_surface<F: Floats>(input: &Input<'_>, band: &mut Band<'_>, node: usize, scratch: &Scratch) {
@@ -218,13 +243,17 @@ pub(super) fn write_surface<F: Floats>(input: &Input<'_>, band: &mut Band<'_>, n
     let own = &scratch.nodes[node];
     let first_plane = layout.surface[node] * stride;
     let count = if node == 0 { 4 } else { 7 };
+    let sent = &input.tree.nodes[node];
+    let is_sent = !sent.shape[0].is_empty();
     for row in 0..BAND.min(input.height - band.first) {
         let at_row = row * layout.pitch + first_plane;
         let planes = &mut band.planes[at_row..at_row + count * stride];
-        let at = row + HALO;
-        let above = Row::new(scratch, own, own, own, at - SHAPE_REACH);
+        let at = row + input.halo;
+        // Further off only what differences are taken of.
+        let reach = if node == 0 || is_sent { 0 } else { SHAPE_REACH };
+        let above = Row::new(scratch, own, own, own, at - reach);
         let here = Row::new(scratch, own, own, own, at);
-        let below = Row::new(scratch, own, own, own, at + SHAPE_REACH);
+        let below = Row::new(scratch, own, own, own, at + reach);
         for x in (0..input.width).step_by(F::LANES) {
             let own = At { row: &here, x: PAD + x };
             let is_known = F::zero().lt(F::load(here.known, own.x));
@@ -241,16 +270,13 @@ pub(super) fn write_surface<F: Floats>(input: &Input<'_>, band: &mut Band<'_>, n
             if node == 0 {
                 continue;
             }
-            let point = vector::<F>(&here.point, own.x);
-            let mut differences = [(normal, normal); 2];
-            for (difference, [before, after]) in differences.iter_mut().zip(sides(own, SHAPE_REACH, &above, &below)) {
-                let pair = neighbours::<F>(own, [before, after]);
-                difference.0 =
-                    pair.slope(point, vector(&before.row.point, before.x), vector(&after.row.point, after.x));
-                difference.1 =
-                    pair.slope(normal, vector(&before.row.normal, before.x), vector(&after.row.normal, after.x));
-            }
-            let shape = shape_operator(normal, differences);
+            let shape = if is_sent {
+                let pixel = (band.first + row) * input.width + x;
+                turned(load(&sent.shape, pixel), Vector(load(&sent.normal, pixel)), normal)
+            } else {
+                let sides = sides(own, reach, &above, &below);
+                shape_operator(normal, differences::<F>(own, normal, sides))
+            };
             for (index, value) in shape.into_iter().enumerate() {
                 let plane = (4 + index) * stride;
                 value.as_integers().store(&mut planes[plane..plane + stride], x);

@@ -1,7 +1,7 @@
 //! The root: inverse depth, points, directions, and where it is rough.
 
-use super::scratch::{PAD, ROWS, Scratch};
-use super::{BAND, BLOCK, Band, CELL, HALO, Input, clear_boundaries, records, smooth};
+use super::scratch::{PAD, Scratch};
+use super::{BAND, BLOCK, Band, CELL, Input, clear_boundaries, records, smooth};
 use crate::warp::lanes::{Floats, Integers, Mask, Vector};
 
 /// Neighbours whose inverse depths differ by more than this fraction lie on different surfaces.
@@ -30,11 +30,6 @@ pub(super) fn decode<F: Floats>(input: &Input<'_>, band: &mut Band<'_>, scratch:
     has_boundaries
 }
 
-/// The rows of the picture that rows of scratch stand for.
-pub(super) fn image_row(first: usize, row: usize, height: usize) -> Option<usize> {
-    (first + row).checked_sub(HALO).filter(|&y| y < height)
-}
-
 /// Boundaries of a node as floats.
 #[inline(always)]
 pub(super) fn interfaces(input: &Input<'_>, first: usize, node: usize, scratch: &mut Scratch) -> bool {
@@ -42,9 +37,9 @@ pub(super) fn interfaces(input: &Input<'_>, first: usize, node: usize, scratch: 
     if !input.has_children[node] {
         return false;
     }
-    for row in 0..ROWS {
+    for row in 0..input.rows() {
         let to = &mut scratch.nodes[node].interface.row_mut(row)[PAD..PAD + input.width];
-        match image_row(first, row, input.height) {
+        match input.image_row(first, row) {
             Some(y) => {
                 let from = &input.tree.nodes[node].interface[y * input.width..(y + 1) * input.width];
                 for (to, &from) in to.iter_mut().zip(from) {
@@ -64,14 +59,14 @@ fn inverse_depths<F: Floats>(input: &Input<'_>, band: &mut Band<'_>, scratch: &m
     let (focal, centre) = (camera.focal_px(), camera.centre_px());
     let Scratch { nodes, inverse_depth, .. } = scratch;
     let root = &mut nodes[0];
-    for row in 0..ROWS {
-        let Some(y) = image_row(band.first, row, input.height) else {
+    for row in 0..input.rows() {
+        let Some(y) = input.image_row(band.first, row) else {
             root.known.row_mut(row).fill(0.0);
             continue;
         };
         let distances = &input.tree.nodes[0].distance[y * input.width..(y + 1) * input.width];
         let slope_y = -(y as f32 + 0.5 - centre.y) / focal.y;
-        let interior = (HALO..HALO + BAND).contains(&row);
+        let interior = (input.halo..input.halo + BAND).contains(&row);
         for x in (0..input.width).step_by(F::LANES) {
             let slope_x = (F::ramp() + F::splat(x as f32 + 0.5 - centre.x)) * F::splat(1.0 / focal.x);
             let length = slope_x.mul_add(slope_x, F::splat(slope_y * slope_y + 1.0)).sqrt();
@@ -80,7 +75,7 @@ fn inverse_depths<F: Floats>(input: &Input<'_>, band: &mut Band<'_>, scratch: &m
             let inverse = (length / distance).or(F::zero().lt(distance), F::zero());
             inverse.store(&mut inverse_depth.row_mut(row)[PAD..], x);
             if interior {
-                let at = (row - HALO) * input.layout.pitch;
+                let at = (row - input.halo) * input.layout.pitch;
                 inverse.as_integers().store(&mut band.planes[at..at + input.layout.stride], x);
             }
             if has_boundaries {
@@ -102,14 +97,14 @@ fn inverse_depths<F: Floats>(input: &Input<'_>, band: &mut Band<'_>, scratch: &m
 fn flag_edges<F: Floats>(input: &Input<'_>, band: &mut Band<'_>, scratch: &Scratch) {
     let rows = BAND.min(input.height - band.first);
     let nearest = (0..rows)
-        .flat_map(|row| &scratch.inverse_depth.row(HALO + row)[PAD..PAD + input.width])
+        .flat_map(|row| &scratch.inverse_depth.row(input.halo + row)[PAD..PAD + input.width])
         .fold(0.0_f32, |nearest, &inverse| if inverse > nearest { inverse } else { nearest });
     let steps = F::splat(DEPTH_STEPS * nearest);
     for row in 0..rows {
         let y = band.first + row;
-        let here = scratch.inverse_depth.row(HALO + row);
-        let above = scratch.inverse_depth.row(HALO + row - usize::from(y > 0));
-        let below = scratch.inverse_depth.row(HALO + row + usize::from(y + 1 < input.height));
+        let here = scratch.inverse_depth.row(input.halo + row);
+        let above = scratch.inverse_depth.row(input.halo + row - usize::from(y > 0));
+        let below = scratch.inverse_depth.row(input.halo + row + usize::from(y + 1 < input.height));
         let vertical = y > 0 && y + 1 < input.height;
         for x in (0..input.width).step_by(F::LANES) {
             let own = F::load(here, PAD + x);
@@ -163,7 +158,7 @@ fn cells(input: &Input<'_>, band: &mut Band<'_>, scratch: &Scratch) {
     for (row, cells) in band.cells.chunks_mut(columns).enumerate() {
         cells.fill([0.0, f32::INFINITY]);
         for y in row * CELL..(row * CELL + CELL).min(input.height.saturating_sub(band.first)) {
-            let values = &scratch.inverse_depth.row(HALO + y)[PAD..PAD + input.width];
+            let values = &scratch.inverse_depth.row(input.halo + y)[PAD..PAD + input.width];
             for (cell, values) in cells.iter_mut().zip(values.chunks(CELL)) {
                 for &value in values {
                     cell[0] = if value > cell[0] { value } else { cell[0] };

@@ -1,12 +1,12 @@
 //! What a band of rows is computed in: planes with a margin on all sides, one set per thread, kept for ever.
 
-use super::{BAND, HALO};
+use super::{BAND, MAX_HALO};
 use std::sync::Mutex;
 
 /// Values before the first of a row and behind its last, so that neighbours can be read without a question.
 pub(super) const PAD: usize = 16;
-/// Rows of a plane.
-pub(super) const ROWS: usize = BAND + 2 * HALO;
+/// Most rows that a band needs of a plane.
+pub(super) const ROWS: usize = BAND + 2 * MAX_HALO;
 
 /// A plane of [`ROWS`] rows.
 #[derive(Debug, Default)]

@@ -2,17 +2,20 @@
 //!
 //! A normal of 2 x 12 octahedral bits is off by up to 0.01 degrees, and the slope of a direction that is reflected at
 //! it, from texel to texel, by a tenth. A binomial filter of 7 x 7 texels takes that away; but it must not blur what
-//! is really there, waves and edges. So the filtered normal replaces the coded one only as far as the code's own
-//! step reaches: in every component by at most [`STEP`].
+//! is really there, waves and edges. So the filtered normal replaces the coded one only as far as the code's own step
+//! reaches: in every component by at most [`step`]. Normals from depth were filtered before (`normals`) and stay as
+//! they are.
 
-use super::root::image_row;
-use super::scratch::{FILTER_HALO, PAD, Plane, ROWS, Scratch};
-use super::{HALO, Input};
+use super::Input;
+use super::scratch::{FILTER_HALO, PAD, Plane, Scratch};
 use crate::warp::lanes::{Floats, Vector};
 
-/// Half a step of a 12-bit octahedral coordinate on [-1, 1], and as much again for what the fold to the sphere and
-/// normalisation make of it.
-const STEP: f32 = 2.0 / 4095.0;
+/// Half a step of an octahedral coordinate of so many bits on [-1, 1], and as much again for what the fold to the
+/// sphere and normalisation make of it.
+pub(super) fn step(bits: u8) -> f32 {
+    2.0 / ((1_u32 << bits.min(24)) - 1) as f32
+}
+
 /// Binomial coefficients of a seven-tap filter, from the centre outwards.
 const TAPS: [f32; 4] = [20.0, 15.0, 6.0, 1.0];
 
@@ -25,9 +28,11 @@ pub(super) fn normals<F: Floats>(input: &Input<'_>, first: usize, node: usize, s
     along_rows::<F>(input, first, node, scratch);
     let Scratch { nodes, filtered, .. } = scratch;
     let to = &mut nodes[node];
-    for row in 0..ROWS {
-        let Some(y) = image_row(first, row, input.height) else { continue };
-        let coded = input.tree.nodes[node].normal.each_ref().map(|axis| &axis[y * input.width..(y + 1) * input.width]);
+    for row in 0..input.rows() {
+        let Some(y) = input.image_row(first, row) else { continue };
+        let pixels = y * input.width..(y + 1) * input.width;
+        let coded = [input.normal(node, 0, &pixels), input.normal(node, 1, &pixels), input.normal(node, 2, &pixels)];
+        let step = input.normal_step;
         for x in (0..input.width).step_by(F::LANES) {
             let is_boundary = F::zero().lt(F::load(to.interface.row(row), PAD + x));
             if !Vector::<F>::any(is_boundary) {
@@ -38,7 +43,7 @@ pub(super) fn normals<F: Floats>(input: &Input<'_>, first: usize, node: usize, s
                     .normalize();
             let coded = Vector([F::load(coded[0], x), F::load(coded[1], x), F::load(coded[2], x)]);
             let [a, b, c] = (smooth - coded).0;
-            let correction = Vector([a.within(-STEP, STEP), b.within(-STEP, STEP), c.within(-STEP, STEP)]);
+            let correction = Vector([a.within(-step, step), b.within(-step, step), c.within(-step, step)]);
             let normal = (coded + correction).normalize();
             for axis in 0..3 {
                 normal.0[axis].store(&mut to.normal[axis].row_mut(row)[PAD..], x);
@@ -63,8 +68,8 @@ fn across<F: Floats>(filtered: &Plane, row: usize, x: usize) -> F {
 #[inline(always)]
 fn along_rows<F: Floats>(input: &Input<'_>, first: usize, node: usize, scratch: &mut Scratch) {
     let planes = &input.tree.nodes[node];
-    for row in 0..ROWS + 2 * FILTER_HALO {
-        let y = (first + row).checked_sub(HALO + FILTER_HALO).filter(|&y| y < input.height);
+    for row in 0..input.rows() + 2 * FILTER_HALO {
+        let y = (first + row).checked_sub(input.halo + FILTER_HALO).filter(|&y| y < input.height);
         for axis in 0..3 {
             let filtered = scratch.filtered[axis].row_mut(row);
             let Some(y) = y else {
@@ -73,7 +78,7 @@ fn along_rows<F: Floats>(input: &Input<'_>, first: usize, node: usize, scratch: 
             };
             let pixels = y * input.width..(y + 1) * input.width;
             let masked = scratch.masked[axis].row_mut(0);
-            let normals = planes.normal[axis][pixels.clone()].iter().zip(&planes.interface[pixels]);
+            let normals = input.normal(node, axis, &pixels).iter().zip(&planes.interface[pixels]);
             for (masked, (&normal, &interface)) in masked[PAD..].iter_mut().zip(normals) {
                 *masked = if interface != 0 { normal } else { 0.0 };
             }

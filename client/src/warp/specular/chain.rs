@@ -12,7 +12,7 @@
 
 use super::ladder::{Solver, Sought};
 use super::motion::Motion;
-use super::root::{RootSample, surface_at, texel};
+use super::root::{RootSample, SurfaceSample, surface_at, texel};
 use crate::warp::exit::{Quadric, all};
 use crate::warp::lanes::{Floats, Integers, MAX_LANES, Mask, Vector, as_floats};
 use crate::warp::optic::leaving;
@@ -24,7 +24,7 @@ const LONGEST_STEP_PX: f32 = 64.0;
 /// The step after the last must be shorter. On water this lets 0.04 % wrong pixels pass, where one degree of the
 /// ray, the thesis's rule, lets 0.9 %.
 const ACCEPTED_STEP_PX: f32 = 1.0;
-/// Steps for one bounce and for more.
+/// Steps for one bounce and for more, where nobody asks for another number.
 const STEPS: [usize; 2] = [2, 3];
 /// Weights below do not show in 8 bits.
 const LEAST_WEIGHT: f32 = 1.0 / 4096.0;
@@ -77,14 +77,22 @@ impl<F: Floats> Chain<F> {
         Chain { boundaries: [boundary; MAX_NODES], samples: [sample; MAX_NODES] }
     }
 
-    /// Follows the rays of these pixels through all nodes; returns the boundary of the root, 0 for none.
+    /// Follows the rays of these pixels through all nodes; returns the boundary of the root, 0 for none. `at_edge` where
+    /// boundaries may end.
     #[inline(always)]
-    pub(super) fn follow(&mut self, frame: &Prepared, motion: &Motion, (x, y): (F, F), root: &RootSample<F>) -> F {
+    pub(super) fn follow(
+        &mut self,
+        frame: &Prepared,
+        motion: &Motion,
+        (x, y): (F, F),
+        root: &RootSample<F>,
+        at_edge: bool,
+    ) -> F {
         let (zero, none) = (F::zero(), F::zero().lt(F::zero()));
         if frame.node_count == 1 {
             return zero;
         }
-        let (interface, normal) = surface_at(frame, root.u, root.v);
+        let SurfaceSample { interface, normal, coverage, on_it } = surface_at(frame, root.u, root.v, at_edge);
         let ray = motion.ray(x, y);
         self.boundaries[0] = Boundary {
             point: Vector::splat(motion.eye).along(ray, F::splat(1.0) / root.inverse_depth.max(F::splat(1e-9))),
@@ -92,7 +100,7 @@ impl<F: Floats> Chain<F> {
             normal,
             interface,
             is_there: root.known & F::zero().lt(interface),
-            weights: [F::splat(1.0); 3],
+            weights: [coverage; 3],
         };
         for child in 1..frame.node_count {
             let node = frame.nodes[child];
@@ -113,17 +121,14 @@ impl<F: Floats> Chain<F> {
             if !wanted.any() {
                 continue;
             }
-            let steps = STEPS[usize::from(node.parent != 0)];
             let (u, v, known) = match frame.solver {
-                Solver::FrozenDistance => search(frame, child, (parent.point, omega), (root.u, root.v), steps),
-                solver => search_plainly(
-                    frame,
-                    (child, solver),
-                    (parent.point, omega),
-                    (motion.eye, ray),
-                    (root.u, root.v),
-                    wanted,
-                ),
+                Solver::FrozenDistance { steps } => {
+                    let steps = steps.map_or(STEPS[usize::from(node.parent != 0)], usize::from);
+                    search(frame, child, (parent.point, omega), on_it, steps)
+                }
+                solver => {
+                    search_plainly(frame, (child, solver), (parent.point, omega), (motion.eye, ray), on_it, wanted)
+                }
             };
             let known = known & wanted;
             let [red, green, blue] = weights;
@@ -132,8 +137,8 @@ impl<F: Floats> Chain<F> {
             if frame.has_children[child] {
                 // The exit surface is known by where the root was; a mirrored one by what was found in the mirror.
                 let anchor = match node.arrival {
-                    Arrival::Reflected => (u.or(known, root.u), v.or(known, root.v)),
-                    _ => (root.u, root.v),
+                    Arrival::Reflected => (u.or(known, on_it.0), v.or(known, on_it.1)),
+                    _ => on_it,
                 };
                 self.boundaries[child] = meet(frame, child, anchor, (parent.point, omega), wanted, weights);
             }

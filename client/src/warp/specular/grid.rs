@@ -2,13 +2,12 @@
 
 use super::chain::Chain;
 use super::motion::Motion;
-use super::root::{Splat, solve};
-use crate::warp::lanes::{Floats, Level, Mask, kernel};
+use super::root::{Splat, solve_from};
+use crate::warp::lanes::{Floats, Level, MAX_LANES, kernel};
 use crate::warp::prepared::Prepared;
+use crate::warp::pyramid::TILE;
 use rayon::prelude::*;
 
-/// Side of a tile in pixels.
-pub(super) const TILE: usize = 8;
 /// Fields of a sample that are the root's: position, new inverse depth, [`State`], boundary.
 const ROOT_FIELDS: usize = 5;
 /// Fields of each child: position, [`State`], weights.
@@ -126,20 +125,14 @@ fn solve_row<F: Floats>(
     for first in (0..stride).step_by(F::LANES) {
         let x = (F::ramp() + F::splat(first as f32 + offset)) * F::splat(side);
         let pixels = (x, F::splat(y * side));
-        let (mut nearest, mut farthest) = ([0.0; 16], [0.0; 16]);
+        let (mut nearest, mut farthest) = ([0.0; MAX_LANES], [0.0; MAX_LANES]);
         for lane in 0..F::LANES {
             let x = ((first + lane) as f32 + offset) * side;
             (nearest[lane], farthest[lane]) = splat.around(x, x, y * side, y * side).unwrap_or((0.0, 0.0));
         }
-        let mut root = solve(frame, motion, pixels, F::load(&nearest, 0), MARGIN_PX);
-        if (!root.known).any() {
-            let again = solve(frame, motion, pixels, F::load(&farthest, 0), MARGIN_PX);
-            root.u = root.u.or(root.known, again.u);
-            root.v = root.v.or(root.known, again.v);
-            root.inverse_depth = root.inverse_depth.or(root.known, again.inverse_depth);
-            root.known = root.known | again.known;
-        }
-        let interface = chain.follow(frame, motion, pixels, &root);
+        let starts = (F::load(&nearest, 0), F::load(&farthest, 0));
+        let root = solve_from(frame, motion, pixels, starts, MARGIN_PX);
+        let interface = chain.follow(frame, motion, pixels, &root, false);
         let always = F::zero().lt(F::splat(1.0));
         let of_root = [root.u, root.v, root.inverse_depth, state_of::<F>(always, root.known), interface];
         for (field, value) in of_root.into_iter().enumerate() {

@@ -1,25 +1,29 @@
 //! Other ways to search a child's picture: rungs of the ladder, plain code, one pixel after the other.
 //!
-//! - [`Solver::Descent`]: the first design's, gradient descent on the angle between the novel ray and the way to the point
-//!   that a texel shows (Lochmann, 3.2.9), slopes by differences in the picture, the step halved where it does not
+//! - [`Solver::Descent`]: the first design's, gradient descent on the angle between the novel ray and the way to the
+//!   point that a texel shows (Lochmann, 3.2.9), slopes by differences in the picture, the step halved where it does not
 //!   help or leaves the surface; more than a degree left is undefined. The start is the better of the diffuse flow and
 //!   the unfolded guess (the design blends the two by their errors, which for a plane leaves neither).
-//! - [`Solver::GaussNewton`]: the same residual as a vector in the plane across the ray, and its Jacobian from the points
-//!   of neighbouring texels, so with the distance varying, as it really does.
-//! - [`Solver::Unfolded`]: the child taken for something behind the surface, at the length of the whole way: exact for a
-//!   planar mirror, wrong for everything else.
+//! - [`Solver::GaussNewton`]: the same residual as a vector in the plane across the ray, and its Jacobian from the
+//!   points of neighbouring texels, so with the distance varying, as it really does.
+//! - [`Solver::ImageDistance`]: the child taken for the image that the curved boundary makes of it (`image_distance`).
+//! - [`Solver::Unfolded`]: the child taken for something behind the surface, at the length of the whole way: exact for
+//!   a planar mirror, wrong for everything else.
 //!
 //! They cost 10 to 100 times the frozen-distance step and serve comparisons.
 
+use super::image_distance;
 use crate::warp::prepared::Prepared;
 use glam::{Mat2, Vec2, Vec3};
 
 /// How a child's picture is searched.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Solver {
     /// Intersection with the patch of a texel, its distance from the boundary being held.
-    #[default]
-    FrozenDistance,
+    FrozenDistance {
+        /// How many; by default two behind one boundary and three behind more.
+        steps: Option<u8>,
+    },
     /// Steps with the full Jacobian.
     GaussNewton {
         /// How many.
@@ -30,8 +34,29 @@ pub enum Solver {
         /// How many steps; the first design takes 10.
         steps: u8,
     },
+    /// A depth warp at the distance of the image that the curved boundary makes.
+    ImageDistance,
     /// One depth warp at the unfolded depth.
     Unfolded,
+}
+
+impl Default for Solver {
+    fn default() -> Solver {
+        Solver::FrozenDistance { steps: None }
+    }
+}
+
+impl std::fmt::Display for Solver {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Solver::FrozenDistance { steps: None } => f.write_str("frozen-distance"),
+            Solver::FrozenDistance { steps: Some(steps) } => write!(f, "frozen-distance:{steps}"),
+            Solver::GaussNewton { steps } => write!(f, "gauss-newton:{steps}"),
+            Solver::Descent { steps } => write!(f, "descent:{steps}"),
+            Solver::ImageDistance => f.write_str("image-distance"),
+            Solver::Unfolded => f.write_str("unfolded"),
+        }
+    }
 }
 
 impl std::str::FromStr for Solver {
@@ -40,7 +65,9 @@ impl std::str::FromStr for Solver {
         let (name, steps) = text.split_once(':').map_or((text, None), |(name, steps)| (name, Some(steps)));
         let steps = |default| steps.map_or(Some(default), |steps| steps.parse().ok().filter(|&steps| steps > 0));
         let solver = match name {
-            "frozen-distance" if name == text => Some(Solver::FrozenDistance),
+            "frozen-distance" if name == text => Some(Solver::default()),
+            "frozen-distance" => steps(0).map(|steps| Solver::FrozenDistance { steps: Some(steps) }),
+            "image-distance" if name == text => Some(Solver::ImageDistance),
             "unfolded" if name == text => Some(Solver::Unfolded),
             "gauss-newton" => steps(3).map(|steps| Solver::GaussNewton { steps }),
             "descent" => steps(10).map(|steps| Solver::Descent { steps }),
@@ -48,7 +75,8 @@ impl std::str::FromStr for Solver {
         };
         solver.ok_or_else(|| {
             format!(
-                "expected frozen-distance, gauss-newton[:STEPS], descent[:STEPS] (1 to 255) or unfolded, found '{text}'"
+                "expected frozen-distance[:STEPS], gauss-newton[:STEPS], descent[:STEPS] (1 to 255), image-distance or \
+                 unfolded, found '{text}'"
             )
         })
     }
@@ -77,14 +105,14 @@ pub(super) struct Sought {
 
 /// A child's picture.
 #[derive(Clone, Copy)]
-struct Picture<'a> {
-    frame: &'a Prepared,
-    child: usize,
+pub(super) struct Picture<'a> {
+    pub(super) frame: &'a Prepared,
+    pub(super) child: usize,
 }
 
 impl Picture<'_> {
     /// The point that a texel shows.
-    fn texel(&self, x: usize, y: usize) -> Option<Vec3> {
+    pub(super) fn texel(&self, x: usize, y: usize) -> Option<Vec3> {
         let (width, height) = self.frame.size();
         if x >= width || y >= height {
             return None;
@@ -123,7 +151,8 @@ impl Picture<'_> {
 pub(super) fn search(frame: &Prepared, child: usize, solver: Solver, sought: &Sought) -> Option<Vec2> {
     let picture = Picture { frame, child };
     match solver {
-        Solver::FrozenDistance => None,
+        Solver::FrozenDistance { .. } => None,
+        Solver::ImageDistance => image_distance::search(frame, child, sought),
         Solver::GaussNewton { steps } => gauss_newton(&picture, sought, steps),
         Solver::Descent { steps } => descent(&picture, sought, steps),
         Solver::Unfolded => unfolded(&picture, sought),
@@ -216,10 +245,15 @@ mod tests {
 
     #[test]
     fn solvers_are_read_and_refused_in_words() {
-        assert_eq!("frozen-distance".parse(), Ok(Solver::FrozenDistance));
+        let solvers =
+            ["frozen-distance", "frozen-distance:4", "gauss-newton:5", "descent:32", "image-distance", "unfolded"];
+        for text in solvers {
+            assert_eq!(text.parse::<Solver>().map(|solver| solver.to_string()), Ok(text.to_owned()));
+        }
+        assert_eq!("frozen-distance".parse(), Ok(Solver::default()));
         assert_eq!("descent".parse(), Ok(Solver::Descent { steps: 10 }));
         assert_eq!("gauss-newton:5".parse(), Ok(Solver::GaussNewton { steps: 5 }));
-        for bad in ["", "newton", "descent:0", "descent:x", "unfolded:3", "descent:256"] {
+        for bad in ["", "newton", "descent:0", "descent:x", "unfolded:3", "descent:256", "frozen-distance:0"] {
             assert!(bad.parse::<Solver>().unwrap_err().contains("expected frozen-distance"), "{bad}");
         }
     }

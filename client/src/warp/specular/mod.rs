@@ -3,9 +3,9 @@
 //! 1. [`grid`]: flows at the corners and centres of tiles of 8 x 8 pixels: the root's ([`root`]), then those of its
 //!    children behind each boundary ([`chain`]).
 //! 2. [`tile`]: where they agree they are interpolated (the root to 1/256 px, children to 0.04 px), elsewhere
-//!    solved for at every pixel; radiance is fetched there and weighted with the Fresnel term of the novel ray.
-//! 3. [`inpaint`]: what a node lacks is filled from around it, and added with its weight.
-//! 4. Exposure and transfer to display codes.
+//!    solved for at every pixel; [`shade`]: radiance is fetched there, weighted with the Fresnel term of the novel ray,
+//!    and painted.
+//! 3. [`holes`]: what the frame lacks is taken from other frames, and then filled from around it.
 //!
 //! `L = L_D + F L_R + (1 - F) L_F`, recursively, in linear light (Lochmann, 3.2.6 to 3.2.12).
 //!
@@ -13,24 +13,25 @@
 
 mod chain;
 mod grid;
-mod inpaint;
+mod holes;
+mod image_distance;
 mod ladder;
 mod motion;
 mod root;
+mod shade;
 mod tile;
 
+use super::canvas::Canvas;
 use super::lanes::Level;
 use super::prepared::Prepared;
-use super::tone::ToneTable;
-use glam::Vec4;
-use grid::{Grid, TILE};
-use image::RgbImage;
-use inpaint::Pyramid;
+use super::pyramid::{Pyramid, TILE};
+use grid::Grid;
+use holes::BandState;
 pub use ladder::Solver;
 use motion::Motion;
 use rayon::prelude::*;
 use root::Splat;
-use tile::{BandState, Context, Counts};
+use tile::{Context, Counts};
 use warplight_protocol::frame::MAX_NODES;
 use warplight_protocol::{Camera, Pose};
 
@@ -52,26 +53,23 @@ pub enum Stage {
     Splat,
     /// Solves for the flows of all nodes at corners and centres of tiles.
     Samples,
-    /// Flows at every pixel, and the radiance there, weighted.
+    /// Flows at every pixel, and the radiance there, weighted and painted.
     Tiles,
-    /// Fills holes.
+    /// Holes: first from other frames, then from around.
     Fill,
-    /// To display codes.
-    Tone,
 }
 
 impl Stage {
     /// All of them.
-    pub const ALL: [Stage; 5] = [Stage::Splat, Stage::Samples, Stage::Tiles, Stage::Fill, Stage::Tone];
+    pub const ALL: [Stage; 4] = [Stage::Splat, Stage::Samples, Stage::Tiles, Stage::Fill];
 
     /// Name in benches.
     pub fn name(self) -> &'static str {
         match self {
             Stage::Splat => "splat",
             Stage::Samples => "flow at samples",
-            Stage::Tiles => "flow, fetch, composite",
+            Stage::Tiles => "flow, fetch, composite, tone",
             Stage::Fill => "holes",
-            Stage::Tone => "tone",
         }
     }
 }
@@ -81,108 +79,90 @@ impl Stage {
 pub(super) struct Specular {
     splat: Splat,
     grid: Grid,
-    /// Bands of a row of tiles: the pictures of all nodes, and the sum of all but the root's.
-    planes: Vec<Vec4>,
     states: Vec<BandState>,
-    pyramid: Pyramid,
     size: (usize, usize),
     node_count: usize,
 }
 
-impl Specular {
-    /// Vectors of a band.
-    fn band(&self) -> usize {
-        let planes = self.node_count + usize::from(self.node_count > 1);
-        planes * TILE * self.size.0
+/// Whence and whither a picture is brought.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct View<'a> {
+    pub(super) level: Level,
+    pub(super) display_pose: &'a Pose,
+    pub(super) camera: &'a Camera,
+}
+
+impl View<'_> {
+    fn motion(&self, frame: &Prepared) -> Motion {
+        Motion::new(&frame.camera, &frame.pose, self.camera, self.display_pose)
     }
 
-    /// Warps all nodes, without filling what is unknown.
-    pub(super) fn warp(&mut self, level: Level, frame: &Prepared, display_pose: &Pose, camera: &Camera) {
-        self.splat(frame, display_pose, camera);
-        self.sample(level, frame, display_pose, camera);
-        self.tiles(level, frame, display_pose, camera);
+    fn size(&self) -> (usize, usize) {
+        (self.camera.size.width as usize, self.camera.size.height as usize)
+    }
+}
+
+impl Specular {
+    /// Paints the picture of the first frame, and what that does not know from the others, the first one that does.
+    pub(super) fn warp<'a>(
+        &mut self,
+        view: &View<'_>,
+        mut frames: impl Iterator<Item = &'a Prepared>,
+        canvas: &mut Canvas<'_>,
+        pyramid: &mut Pyramid,
+    ) {
+        let Some(frame) = frames.next() else { return };
+        self.splat(view, frame);
+        self.sample(view, frame);
+        self.tiles(view, frame, canvas, pyramid);
+        self.fill(view, frames, canvas, pyramid);
     }
 
     /// Projects the frame's cells.
-    pub(super) fn splat(&mut self, frame: &Prepared, display_pose: &Pose, camera: &Camera) {
-        let motion = Motion::new(&frame.camera, &frame.pose, camera, display_pose);
-        self.splat.forward(frame, &motion, camera);
+    pub(super) fn splat(&mut self, view: &View<'_>, frame: &Prepared) {
+        self.splat.forward(frame, &view.motion(frame), view.camera);
     }
 
     /// Solves for the flows at corners and centres of tiles.
-    pub(super) fn sample(&mut self, level: Level, frame: &Prepared, display_pose: &Pose, camera: &Camera) {
-        let motion = Motion::new(&frame.camera, &frame.pose, camera, display_pose);
-        self.size = (camera.size.width as usize, camera.size.height as usize);
+    pub(super) fn sample(&mut self, view: &View<'_>, frame: &Prepared) {
+        self.size = view.size();
         self.node_count = frame.node_count;
-        self.grid.solve(level, frame, &motion, &self.splat, self.size);
+        self.grid.solve(view.level, frame, &view.motion(frame), &self.splat, self.size);
     }
 
-    /// Fills the tiles with flows, and with radiance what of it is known.
-    pub(super) fn tiles(&mut self, level: Level, frame: &Prepared, display_pose: &Pose, camera: &Camera) {
-        let motion = Motion::new(&frame.camera, &frame.pose, camera, display_pose);
-        let (bands, band) = (self.grid.tiles_y, self.band());
-        self.planes.resize(bands * band, Vec4::ZERO);
-        self.states.resize_with(bands, BandState::default);
-        for state in &mut self.states {
-            state.present.resize(self.grid.tiles_x, 0);
-            // Room for all that may be unknown, so that no later picture needs more.
-            let most = frame.node_count * TILE * self.size.0;
-            state.holes.clear();
-            state.holes.reserve(most);
-        }
-        let Specular { splat, grid, planes, states, size, .. } = self;
+    /// Fills the tiles with flows, and paints what of them is known.
+    pub(super) fn tiles(&mut self, view: &View<'_>, frame: &Prepared, canvas: &mut Canvas<'_>, pyramid: &mut Pyramid) {
+        let motion = view.motion(frame);
+        let Specular { splat, grid, states, size, .. } = self;
+        pyramid.fit(*size, frame.node_count);
+        states.resize_with(grid.tiles_y, BandState::default);
+        states.iter_mut().for_each(|state| state.reset(size.0, frame.node_count));
         let context = Context { frame, motion: &motion, splat, grid, width: size.0, height: size.1 };
-        planes.par_chunks_mut(band).zip(states).enumerate().for_each(|(tile_y, (planes, state))| {
-            tile::tiles(level, &context, tile_y, planes, state);
+        let bands = canvas.runs(TILE * size.0).zip(pyramid.half_bands()).zip(states);
+        bands.enumerate().for_each(|(tile_y, ((mut canvas, mut half), state))| {
+            tile::tiles(view.level, &context, tile_y, &mut canvas, &mut half, state);
         });
     }
 
-    /// Fills what is unknown.
-    pub(super) fn fill(&mut self) {
-        let band = self.band();
-        let Specular { planes, states, pyramid, size, node_count, .. } = self;
-        for node in 0..*node_count {
-            if states.iter().all(|state| state.counts[node].filled == 0) {
-                continue;
+    /// Fills what is unknown: from other frames, and what they do not know either from around it.
+    pub(super) fn fill<'a>(
+        &mut self,
+        view: &View<'_>,
+        others: impl Iterator<Item = &'a Prepared>,
+        canvas: &mut Canvas<'_>,
+        pyramid: &mut Pyramid,
+    ) {
+        let Specular { splat, grid, states, size, .. } = self;
+        for frame in others {
+            if states.iter().all(|state| state.holes.is_empty()) {
+                return;
             }
-            pyramid.build(node, *size, planes, band, states);
-            let pyramid = &*pyramid;
-            planes.par_chunks_mut(band).zip(&*states).enumerate().for_each(|(tile_y, (planes, state))| {
-                for hole in state.holes.iter().filter(|hole| usize::from(hole.node) == node) {
-                    let (x, y) = (usize::from(hole.x), usize::from(hole.y));
-                    let radiance = pyramid.at(x, tile_y * TILE + y);
-                    let to = if node == 0 { 0 } else { *node_count * TILE * size.0 } + y * size.0 + x;
-                    planes[to] += (radiance * hole.weights).extend(0.0);
-                }
-            });
+            let motion = view.motion(frame);
+            splat.forward(frame, &motion, view.camera);
+            let context = Context { frame, motion: &motion, splat, grid, width: size.0, height: size.1 };
+            holes::complete_from(view.level, &context, canvas, pyramid, states);
         }
-    }
-
-    /// Adds up all nodes and writes display codes.
-    pub(super) fn tone(&self, tone: &ToneTable, exposure: f32, picture: &mut RgbImage) {
-        let width = self.size.0;
-        let sum = self.node_count * TILE * width;
-        let bands = picture.par_chunks_mut(3 * TILE * width).zip(self.planes.par_chunks(self.band()));
-        bands.zip(&self.states).for_each(|((codes, planes), state)| {
-            let (roots, sums) = planes.split_at(sum);
-            let white = |value: Vec4| {
-                let [red, green, blue, _] = (value * exposure).to_array();
-                [red, green, blue].map(|channel| tone.srgb8_from_linear(channel))
-            };
-            for (y, codes) in codes.chunks_mut(3 * width).enumerate() {
-                for (tile, codes) in codes.chunks_mut(3 * TILE).enumerate() {
-                    let first = y * width + tile * TILE;
-                    let (codes, _) = codes.as_chunks_mut::<3>();
-                    let roots = &roots[first..first + codes.len()];
-                    if state.present[tile] == 0 {
-                        codes.iter_mut().zip(roots).for_each(|(code, root)| *code = white(*root));
-                    } else {
-                        let sums = &sums[first..first + codes.len()];
-                        codes.iter_mut().zip(roots.iter().zip(sums)).for_each(|(code, (a, b))| *code = white(*a + *b));
-                    }
-                }
-            }
-        });
+        holes::fill(size.0, canvas, pyramid, states);
     }
 
     /// What each node lacked in the last picture, and the fraction of pixels at which any lacked something.
@@ -203,8 +183,8 @@ impl Specular {
                 filled: of_seen(sum.filled),
             };
         }
-        let holes: u32 = self.states.iter().map(|state| state.pixels_with_holes).sum();
-        (nodes, f64::from(holes) / pixels)
+        let holes: usize = self.states.iter().map(|state| state.holes.len()).sum();
+        (nodes, holes as f64 / pixels)
     }
 
     /// Tiles whose root was interpolated, and tiles all of whose children were, as fractions of all.
@@ -214,7 +194,6 @@ impl Specular {
     }
 
     /// Where each node of each pixel is found in the frame.
-    #[cfg(test)]
     pub(super) fn flows(
         &mut self,
         level: Level,
@@ -222,11 +201,11 @@ impl Specular {
         display_pose: &Pose,
         camera: &Camera,
     ) -> Vec<Vec<glam::Vec2>> {
-        let motion = Motion::new(&frame.camera, &frame.pose, camera, display_pose);
-        let size = (camera.size.width as usize, camera.size.height as usize);
-        self.splat.forward(frame, &motion, camera);
-        self.grid.solve(level, frame, &motion, &self.splat, size);
-        let Specular { splat, grid, .. } = self;
+        let view = View { level, display_pose, camera };
+        self.splat(&view, frame);
+        self.sample(&view, frame);
+        let motion = view.motion(frame);
+        let Specular { splat, grid, size, .. } = self;
         let context = Context { frame, motion: &motion, splat, grid, width: size.0, height: size.1 };
         tile::flows(level, &context)
     }

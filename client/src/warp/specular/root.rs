@@ -65,6 +65,12 @@ fn taps<F: Floats>(frame: &Prepared, u: F, v: F) -> Taps<F> {
     Taps { indices: [first, first + right, first + below, first + below + right], x, y }
 }
 
+#[inline(always)]
+fn nearest_inverse_depth<F: Floats>(frame: &Prepared, u: F, v: F) -> F {
+    let [words] = F::gather_words([frame.inverse_depth()], texel(frame, u, v));
+    words.as_floats()
+}
+
 /// Inverse depth at a position: interpolated on one surface, else that of the nearest texel.
 #[inline(always)]
 fn inverse_depth_at<F: Floats>(frame: &Prepared, u: F, v: F) -> F {
@@ -85,27 +91,64 @@ fn inverse_depth_at<F: Floats>(frame: &Prepared, u: F, v: F) -> F {
     own.or((nearest * F::splat(EDGE)).lt(nearest - farthest), between)
 }
 
+/// The boundary at a position of the old picture.
+#[derive(Clone, Copy)]
+pub(super) struct SurfaceSample<F: Floats> {
+    /// 0 for none.
+    pub(super) interface: F,
+    pub(super) normal: Vector<F>,
+    /// How much of what is mixed there shows it.
+    pub(super) coverage: F,
+    /// A position on it: that which was asked for, or the centre of a texel beside it.
+    pub(super) on_it: (F, F),
+}
+
 /// Boundary of the nearest texel and normal between those texels that show the same one.
+///
+/// `at_edge`, where a boundary may end, the other texels count as well: a footprint that is partly of a mirror shows
+/// the mirror's child for that part, just as it mixes the radiance of both roots.
 #[inline(always)]
-pub(super) fn surface_at<F: Floats>(frame: &Prepared, u: F, v: F) -> (F, Vector<F>) {
+pub(super) fn surface_at<F: Floats>(frame: &Prepared, u: F, v: F, at_edge: bool) -> SurfaceSample<F> {
     let planes = frame.surface(0);
     let [own] = F::gather_words([planes[0]], texel(frame, u, v));
-    let own = own.as_floats();
-    if !F::zero().lt(own).any() {
-        return (own, Vector([F::zero(), F::zero(), F::splat(1.0)]));
+    let mut own = own.as_floats();
+    let (zero, one) = (F::zero(), F::splat(1.0));
+    if !at_edge && !zero.lt(own).any() {
+        return SurfaceSample { interface: own, normal: Vector([zero, zero, one]), coverage: one, on_it: (u, v) };
     }
     let taps = taps(frame, u, v);
-    let one = F::splat(1.0);
     let (x, y) = (taps.x, taps.y);
     let weights = [(one - x) * (one - y), x * (one - y), (one - x) * y, x * y];
-    let mut sum = Vector([F::zero(); 3]);
-    for (index, weight) in taps.indices.into_iter().zip(weights) {
+    // Texels of another depth are not mixed.
+    let always = zero.lt(one);
+    let mut near = [always; 4];
+    let mut on_it = (u, v);
+    if at_edge {
+        let [depth] = F::gather_words([frame.inverse_depth()], texel(frame, u, v));
+        let depth = depth.as_floats();
+        // Centres of the taps.
+        let (left, upper) = (u - x, v - y);
+        let centres = [(left, upper), (left + one, upper), (left, upper + one), (left + one, upper + one)];
+        for ((near, index), centre) in near.iter_mut().zip(taps.indices).zip(centres) {
+            let [other, interface] = as_floats(F::gather_words([frame.inverse_depth(), planes[0]], index));
+            *near = !(other.max(depth) * F::splat(EDGE)).lt((other - depth).abs());
+            let is_new = *near & own.lt(F::splat(0.5)) & zero.lt(interface);
+            own = interface.or(is_new, own);
+            on_it = (centre.0.or(is_new, on_it.0), centre.1.or(is_new, on_it.1));
+        }
+    }
+    let (mut sum, mut coverage, mut mixed) = (Vector([zero; 3]), zero, zero);
+    for ((index, weight), near) in taps.indices.into_iter().zip(weights).zip(near) {
         let [interface, a, b, c] = as_floats(F::gather_words(planes, index));
         // Where there is no boundary, there may be no normal either.
-        let same = (interface - own).abs().lt(F::splat(0.5));
-        sum = sum.along(Vector([a, b, c]).or(same, Vector([F::zero(); 3])), weight);
+        let same = near & (interface - own).abs().lt(F::splat(0.5));
+        sum = sum.along(Vector([a, b, c]).or(same, Vector([zero; 3])), weight);
+        coverage = coverage + weight.or(same, zero);
+        mixed = mixed + weight.or(near, zero);
     }
-    (own, sum.normalize())
+    // The nearest texel has a quarter of the weight and is mixed.
+    let coverage = if at_edge { coverage / mixed.max(F::splat(0.2)) } else { one };
+    SurfaceSample { interface: own, normal: sum.normalize(), coverage, on_it }
 }
 
 /// What the root shows at new pixels.
@@ -122,24 +165,19 @@ pub(super) struct RootSample<F: Floats> {
 /// Solves for the root from this new inverse depth on. Positions up to `margin` pixels beyond the picture's border
 /// are accepted, where it is taken to go on as at the border.
 #[inline(always)]
-pub(super) fn solve<F: Floats>(
-    frame: &Prepared,
-    motion: &Motion,
-    (x, y): (F, F),
-    start: F,
-    margin: f32,
-) -> RootSample<F> {
+fn solve<F: Floats>(frame: &Prepared, motion: &Motion, (x, y): (F, F), start: F, margin: f32) -> RootSample<F> {
     let at_infinity = motion.at_infinity(x, y);
     let mut inverse_depth = start;
     let (mut u, mut v, mut ratio) = motion.old_pixel(at_infinity, inverse_depth);
     let mut change = F::splat(f32::MAX);
-    for _ in 0..MAX_STEPS {
-        let old = inverse_depth_at(frame, u, v);
+    for step in 0..MAX_STEPS {
+        // The first guess is that of a cell: the nearest texel is good enough to mend it.
+        let old = if step == 0 { nearest_inverse_depth(frame, u, v) } else { inverse_depth_at(frame, u, v) };
         inverse_depth = motion.new_inverse_depth(at_infinity, old);
         let (next_u, next_v, next_ratio) = motion.old_pixel(at_infinity, inverse_depth);
         change = (next_u - u).abs().max((next_v - v).abs());
         (u, v, ratio) = (next_u, next_v, next_ratio);
-        if !(F::splat(LAST_STEP_PX).lt(change) & change.lt(F::splat(f32::MAX))).any() {
+        if step > 0 && !(F::splat(LAST_STEP_PX).lt(change) & change.lt(F::splat(f32::MAX))).any() {
             break;
         }
     }
@@ -155,6 +193,27 @@ pub(super) fn solve<F: Floats>(
         !v.lt(low) & v.lt(F::splat(below)),
     ]);
     RootSample { u, v, inverse_depth, known }
+}
+
+/// The same from what is nearest around each pixel, and where that fails from what is farthest: the nearest hides the
+/// other.
+#[inline(always)]
+pub(super) fn solve_from<F: Floats>(
+    frame: &Prepared,
+    motion: &Motion,
+    pixels: (F, F),
+    (nearest, farthest): (F, F),
+    margin: f32,
+) -> RootSample<F> {
+    let mut root = solve(frame, motion, pixels, nearest, margin);
+    if (!root.known).any() {
+        let again = solve(frame, motion, pixels, farthest, margin);
+        root.u = root.u.or(root.known, again.u);
+        root.v = root.v.or(root.known, again.v);
+        root.inverse_depth = root.inverse_depth.or(root.known, again.inverse_depth);
+        root.known = root.known | again.known;
+    }
+    root
 }
 
 /// Nearest and farthest of what is splat into each cell of the new picture.

@@ -3,7 +3,8 @@
 
 use super::*;
 use crate::codec::samples::Packing;
-use crate::codec::{Limits, PLANE_HEADER_BYTES, STRIP_HEADER_BYTES, depth};
+use crate::codec::{Limits, PLANE_HEADER_BYTES, STRIP_HEADER_BYTES, curvature, depth};
+use crate::curvature::{MAX_CURVATURE_PER_M, ShapeOperator};
 use crate::frame::{ColorFormat, DepthCoding, FrameFormat, Interfaces, Plan, Tree};
 use crate::optics::Interface;
 use crate::{Camera, ImageSize, Pose};
@@ -48,7 +49,7 @@ const EXTREMES: [f32; 12] = [
 /// A tree of smooth surfaces, holes and infinities, one node in eight knowing nothing; with `extremes`, one value in eight is no reasonable one.
 fn tree(shape: &FrameShape, seed: u64, extremes: bool) -> Tree {
     let mut random = Random(seed | 1);
-    let mut tree = Tree::new(Pose::IDENTITY, shape.camera, shape.plan.clone(), shape.interfaces.clone());
+    let mut tree = shape.tree(Pose::IDENTITY);
     let entries = shape.interfaces.0.len() as u32;
     for node in 0..tree.nodes.len() {
         let planes = &mut tree.nodes[node];
@@ -62,6 +63,7 @@ fn tree(shape: &FrameShape, seed: u64, extremes: bool) -> Tree {
             let radiance = Vec3::new(value(0.3), value(1.5), value(0.01));
             let distance = value(offset + slope * pixel as f32);
             let normal = Vec3::new(value(0.3), value(-0.5), value(0.8));
+            let entries_of_shape = [value(-2.0), value(0.1), value(40.0)];
             planes.set_radiance(pixel, radiance);
             planes.distance[pixel] = match random.below(8) {
                 0 if node > 0 => UNDEFINED,
@@ -75,6 +77,9 @@ fn tree(shape: &FrameShape, seed: u64, extremes: bool) -> Tree {
                 planes.interface[pixel] = random.below(most) as u8;
                 planes.set_normal(pixel, if extremes { normal } else { normal.normalize() });
             }
+            if planes.shape_at(pixel).is_some() {
+                planes.set_shape(pixel, ShapeOperator::from_array(entries_of_shape));
+            }
         }
     }
     tree
@@ -87,13 +92,15 @@ fn plans() -> impl Strategy<Value = Plan> {
 fn formats() -> impl Strategy<Value = FrameFormat> {
     let color = prop::sample::select(ColorFormat::ALL.to_vec());
     let depth = prop::sample::select(vec![DepthCoding::Relative, DepthCoding::Unfolded]);
-    (color, FrameFormat::DEPTH_BITS, FrameFormat::DEPTH_BITS, depth, FrameFormat::NORMAL_BITS).prop_map(
-        |(color, root_depth_bits, child_depth_bits, child_depth, normal_bits)| FrameFormat {
+    let shape_bits = prop_oneof![Just(0), FrameFormat::SHAPE_BITS];
+    (color, FrameFormat::DEPTH_BITS, FrameFormat::DEPTH_BITS, depth, FrameFormat::NORMAL_BITS, shape_bits).prop_map(
+        |(color, root_depth_bits, child_depth_bits, child_depth, normal_bits, shape_bits)| FrameFormat {
             color,
             root_depth_bits,
             child_depth_bits,
             child_depth,
             normal_bits,
+            shape_bits,
         },
     )
 }
@@ -125,11 +132,12 @@ fn encode(shape: &FrameShape, tree: &mut Tree) -> Vec<Vec<u8>> {
 
 /// A tree of the shape whose every value is left over from something else.
 fn dirty(shape: &FrameShape) -> Tree {
-    let mut tree = Tree::new(Pose::IDENTITY, shape.camera, shape.plan.clone(), shape.interfaces.clone());
+    let mut tree = shape.tree(Pose::IDENTITY);
     for planes in &mut tree.nodes {
         planes.distance.fill(-7.0);
         planes.interface.fill(99);
-        planes.radiance.iter_mut().chain(&mut planes.normal).for_each(|plane| plane.fill(f32::NAN));
+        let floats = planes.radiance.iter_mut().chain(&mut planes.normal).chain(&mut planes.shape);
+        floats.for_each(|plane| plane.fill(f32::NAN));
     }
     tree
 }
@@ -154,6 +162,8 @@ fn quantised(shape: &FrameShape, tree: &Tree) -> Tree {
     let mut result = dirty(shape);
     let table = &shape.interfaces;
     let rows_per_strip = u32::from(shape.strip_rows);
+    let mut compander = curvature::Compander::default();
+    compander.prepare(shape.format.shape_bits.max(6));
     for (rows, out) in original.bands_mut(rows_per_strip).iter().zip(&mut result.bands_mut(rows_per_strip)) {
         let first = rows.rows.start as usize * shape.camera.size.width as usize;
         let pixels = rows.nodes[0].distance.len();
@@ -171,6 +181,15 @@ fn quantised(shape: &FrameShape, tree: &Tree) -> Tree {
             let possible = (0..pixels).map(depth).filter(|depth| *depth > 0.0 && depth.is_finite());
             let near = possible.min_by(f32::total_cmp).unwrap_or(1.0);
             let white = radiance::white(shape, rows, node);
+            let has_interface = |pixel: usize| {
+                let known = own.interface.get(pixel).is_some_and(|&index| table.at(index).is_some());
+                known && (node == 0 || own.distance[pixel] != UNDEFINED)
+            };
+            let shape_of = |pixel: usize| match has_interface(pixel) {
+                true => curvature::received(&shape.format, own, pixel).to_array(),
+                false => [0.0; 3],
+            };
+            let bend = (0..pixels).flat_map(shape_of).fold(0.0_f32, |most, entry| most.max(entry.abs()));
             for pixel in 0..pixels {
                 for channel in 0..3 {
                     let code = shape.format.color.quantise(own.radiance[channel][pixel], white);
@@ -190,6 +209,11 @@ fn quantised(shape: &FrameShape, tree: &Tree) -> Tree {
                         difference.max(before * 1e-6).max(f32::MIN_POSITIVE)
                     }
                 };
+                for (entries, entry) in out.nodes[node].shape.iter_mut().zip(shape_of(pixel)) {
+                    if shape.has_shape_operators(node) {
+                        entries[pixel] = compander.dequantise(compander.quantise(entry, bend), bend);
+                    }
+                }
                 if !own.interface.is_empty() {
                     let known = table.at(own.interface[pixel]).is_some() && defined;
                     let normal = [0, 1, 2].map(|axis: usize| own.normal[axis][pixel]);
@@ -229,6 +253,7 @@ fn assert_equal_where_defined(found: &Tree, expected: &Tree) {
                 assert_eq!(found.interface[pixel], expected.interface[pixel], "interface, {at}");
                 if expected.interface[pixel] != 0 {
                     assert_eq!(found.normal_at(pixel), expected.normal_at(pixel), "normal, {at}");
+                    assert_eq!(found.shape_at(pixel), expected.shape_at(pixel), "shape, {at}");
                 }
             }
         }
@@ -247,6 +272,9 @@ fn assert_valid(tree: &Tree) {
                 assert!(usize::from(planes.interface[pixel]) <= tree.interfaces.0.len());
                 let length = planes.normal_at(pixel).length();
                 assert!((length - 1.0).abs() < 1e-5, "{length}");
+            }
+            if let Some(shape) = planes.shape_at(pixel) {
+                assert!(shape.to_array().iter().all(|entry| entry.is_finite()), "{shape:?}");
             }
         }
     }
@@ -316,6 +344,7 @@ proptest! {
                         planes.interface[pixel] ^= 1;
                         planes.set_normal(pixel, Vec3::NAN);
                     }
+                    planes.shape.iter_mut().filter(|entry| !entry.is_empty()).for_each(|entry| entry[pixel] = 1e5);
                 }
             }
         }
@@ -377,6 +406,10 @@ fn with_changed_samples(strip: &[u8], random: &mut Random, changes: usize) -> Ve
             samples[at] = random.next() as u8;
         }
         let mut header = *header;
+        if header[1] == PlaneKind::Shape as u8 {
+            let scale = random.unit() * MAX_CURVATURE_PER_M;
+            header[2..6].copy_from_slice(&scale.to_le_bytes());
+        }
         if header[1] == PlaneKind::Radiance as u8 || header[1] == PlaneKind::Depth as u8 {
             let scale = f32::from_bits(random.next()).abs();
             header[2..6].copy_from_slice(&scale.to_le_bytes());
@@ -504,6 +537,67 @@ fn a_frame_without_interfaces_shows_none_of_the_frame_before() {
     let back = decode(&shape, &encode(&shape, &mut tree(&shape, 5, false))).unwrap();
     assert!(back.nodes[0].interface.iter().all(|&interface| interface == 0));
     assert_valid(&back);
+}
+
+/// A glass ball: an exit surface of one curvature within a circle, nothing around it. And the same as a sheet of glass.
+#[test]
+fn shapes_of_balls_and_planes_cost_next_to_nothing() {
+    const SIDE: u32 = 512;
+    let shape =
+        FrameShape { camera: Camera::symmetric(1.4, ImageSize::new(SIDE, SIDE)), strip_rows: 32, ..small_shape() };
+    for (curvature, meant_bits) in [(-2.0, 0.02), (0.0, 0.015)] {
+        let mut tree = shape.tree(Pose::IDENTITY);
+        for pixel in 0..shape.camera.size.pixels() {
+            let at = shape.camera.size.pixel_centre(pixel) / SIDE as f32 - 0.5;
+            tree.nodes[0].distance[pixel] = 2.0;
+            if at.length() < 0.4 {
+                let slope = at.length() * 2.0;
+                tree.nodes[2].distance[pixel] = 0.5;
+                tree.nodes[2].interface[pixel] = 2;
+                tree.nodes[2].set_normal(pixel, Vec3::new(-at.x, at.y, slope.mul_add(-slope, 1.0).sqrt()).normalize());
+                tree.nodes[2].set_shape(pixel, ShapeOperator { s11: curvature, s12: 0.0, s22: curvature });
+            } else {
+                // Left over from something else: it must not be sent.
+                tree.nodes[2].set_shape(pixel, ShapeOperator { s11: 1e9, s12: f32::NAN, s22: -3.0 });
+            }
+        }
+        let mut encoder = StripEncoder::default();
+        let (mut bytes, mut strips) = (0, Vec::new());
+        for rows in tree.bands_mut(32) {
+            let mut strip = Vec::new();
+            let planes = encoder.encode(&shape, &rows, &mut strip);
+            bytes +=
+                planes.iter().filter(|plane| plane.kind == PlaneKind::Shape).map(|plane| plane.bytes).sum::<usize>();
+            strips.push(strip);
+        }
+        let bits = bytes as f64 * 8.0 / f64::from(SIDE * SIDE);
+        println!("curvature {curvature}: {bytes} bytes, {bits:.4} bits/pixel");
+        assert!(bits < meant_bits, "curvature {curvature}: {bits}");
+        let back = decode(&shape, &strips).unwrap();
+        for pixel in (0..shape.camera.size.pixels()).filter(|&pixel| back.nodes[2].interface[pixel] > 0) {
+            assert_eq!(back.nodes[2].shape_at(pixel), tree.nodes[2].shape_at(pixel));
+        }
+        // Without them the frame is the rest of its planes, to the byte.
+        let format = FrameFormat { shape_bits: 0, ..shape.format };
+        let without = encode(&FrameShape { format, ..shape.clone() }, &mut tree);
+        let whole = |strips: &[Vec<u8>]| strips.iter().map(Vec::len).sum::<usize>();
+        assert_eq!(whole(&without) + bytes, whole(&strips));
+    }
+}
+
+/// Frames whose format has no shape operators are decoded into trees that have none, and the other way round.
+#[test]
+fn a_tree_with_planes_that_the_format_does_not_have_is_no_place_for_it() {
+    let with = small_shape();
+    let without = FrameShape { format: FrameFormat { shape_bits: 0, ..with.format }, ..with.clone() };
+    for (of, other) in [(&with, &without), (&without, &with)] {
+        let strips = encode(of, &mut tree(of, 5, false));
+        let mut decoder = StripDecoder::default();
+        assert!(decoder.decode(of, &strips[0], &mut other.tree(Pose::IDENTITY).bands_mut(4)[0]).is_err());
+        let mut tree = other.tree(Pose::IDENTITY);
+        of.fit(&mut tree, Pose::IDENTITY);
+        assert!(decoder.decode(of, &strips[0], &mut tree.bands_mut(4)[0]).is_ok());
+    }
 }
 
 /// An undefined child must not spend the codes of the others on the depth of its parent.

@@ -7,6 +7,7 @@ use crate::effects::{EffectKind, Effects, plan_of};
 use crate::scene::{Key, Light, Motion, Scene, Target};
 use glam::{DQuat, DVec3, Vec3};
 use std::sync::Arc;
+use warplight_protocol::camera::Margins;
 use warplight_protocol::frame::{Interfaces, Tree, flatten};
 use warplight_protocol::{Camera, ImageSize, Timestamp};
 
@@ -228,4 +229,29 @@ fn filtered_frames_do_not_depend_on_the_number_of_threads() {
     };
     let one = frames(1);
     assert!(frames(2) == one && frames(3) == one);
+}
+
+#[test]
+fn a_frame_that_changes_its_size_keeps_the_history_of_what_it_still_shows() {
+    let mut viewer = Viewer::of("materials", true);
+    let display = viewer.request.camera;
+    let frames_of = |viewer: &Viewer| {
+        let histories = &viewer.live.glossy().now.history;
+        histories.iter().map(super::History::frames).sum::<f32>() / histories.len() as f32
+    };
+    for _ in 0..12 {
+        viewer.frame(1e-4);
+    }
+    let settled = frames_of(&viewer);
+    let margins = Margins { left: 16, right: 0, down: 0, up: 16 };
+    viewer.request.camera = display.widened(margins);
+    viewer.frame(1e-4);
+    let wide = frames_of(&viewer);
+    viewer.request.camera = display;
+    viewer.frame(1e-4);
+    let narrow = frames_of(&viewer);
+    // Of the wider frame a third is new, and has seen one frame.
+    let part = display.size.pixels() as f32 / (display.size.width as f32 + 16.0) / (display.size.height as f32 + 16.0);
+    println!("frames of history: {settled} settled, {wide} wider, {narrow} back");
+    assert!(settled > 6.0 && narrow > 0.9 * settled && wide > 0.8 * part * settled, "{settled} {wide} {narrow}");
 }

@@ -1,6 +1,7 @@
 //! A head that rests.
 
 use super::*;
+use warplight_protocol::camera::Margins;
 
 /// Mean squared error over squared radiance against two independent references, whose own noise drops out.
 fn error(picture: &[Vec3], [a, b]: &[Vec<Vec3>; 2]) -> f64 {
@@ -79,4 +80,39 @@ fn any_motion_ends_a_rest_and_the_same_view_again_starts_from_nothing() {
     assert_eq!(progress(&viewer), 0.0);
     turn(&mut viewer, 0.0);
     assert!(progress(&viewer) > 0.0 && progress(&viewer) < rested);
+}
+
+#[test]
+fn a_picture_that_becomes_smaller_at_rest_keeps_what_it_has_summed_up() {
+    let margins = Margins { left: 16, right: 48, down: 16, up: 32 };
+    let mut viewer = Viewer::of_size(32, "cornell");
+    let display = viewer.request.camera;
+    viewer.request.camera = display.widened(margins);
+    viewer.frames(4, 1.0);
+    let full = super::super::super::rest::FULL_SAMPLES;
+    while !viewer.live.rest.is_full() {
+        viewer.still_frame(64.0);
+    }
+    // From here on what is shown is the mean of at least so many samples, and nothing else.
+    let wide = viewer.picture();
+    let columns = viewer.request.camera.size.width as usize;
+    let middle: Vec<Vec3> = (0..display.size.pixels())
+        .map(|pixel| wide[(pixel / 32 + margins.up as usize) * columns + pixel % 32 + margins.left as usize])
+        .collect();
+    let progress = viewer.live.rest.progress();
+    viewer.request.camera = display;
+    viewer.still_frame(1.0);
+    assert!(viewer.live.rest.progress() > progress, "the rest goes on");
+    // A few samples more to 256: 1/64 of a sample's variance over that of the mean, in every single pixel.
+    let added = viewer.live.rest.progress() - progress;
+    assert!(added < 4.0, "{added}");
+    let references = [9, 10].map(|seed| viewer.path_traced(256, seed));
+    let before = error(&middle, &references);
+    let after = error(&viewer.picture(), &references);
+    assert!((after - before).abs() < 0.25 * before.abs(), "error {before:.2e} before and {after:.2e} after, {full}");
+    assert!(difference(&viewer.picture(), &middle) < 0.1 * before, "the picture stays what it was");
+
+    viewer.request.camera = display.widened(margins);
+    viewer.still_frame(1.0);
+    assert_eq!(viewer.live.rest.progress(), 0.0, "one that becomes larger begins anew");
 }

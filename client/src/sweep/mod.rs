@@ -1,0 +1,252 @@
+//! `sweep`: what accuracy costs, as a curve over one knob.
+//!
+//! A [`Knob`] is something that can be turned: it has a name, scenes it can be turned on, an error with a unit, what it
+//! is bought with ([`Cost`]), and a function that measures its points on one scene. [`KNOBS`] is the table of all;
+//! a stage adds its own by a row, and gets table, plot, JSON, Pareto front and resume without further ado. Those of the
+//! surface warp are in `surface`; what the points say is in `pareto`, what is written in [`write`].
+//!
+//! Time comes in as an argument, [`Request::now`]: the command reads the clock. Errors and bytes of a sweep are the
+//! same in every run, times are not; within one sweep the settings of a format take turns, so that ratios hold where
+//! another program comes and goes.
+
+mod pareto;
+mod settings;
+mod surface;
+mod write;
+
+pub use write::{table, write_files};
+
+use crate::trace::Trace;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use std::time::Duration;
+use warplight_protocol::ImageSize;
+use warplight_protocol::codec::DecodeError;
+
+/// Version of the document's form.
+pub const SCHEMA: u32 = 1;
+
+/// What is measured, and how thoroughly.
+pub struct Request<'a> {
+    /// Size of frames and display.
+    pub size: ImageSize,
+    /// Timed runs of each setting.
+    pub runs: u32,
+    /// Fewer settings.
+    pub quick: bool,
+    /// How the head moves, where a knob asks.
+    pub trace: &'a Trace,
+    /// Time since any fixed instant.
+    pub now: &'a dyn Fn() -> Duration,
+}
+
+/// What a smaller error is paid with.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Cost {
+    /// Milliseconds of the client.
+    Time,
+    /// Bytes of a frame.
+    Bytes,
+    /// Nothing: the knob is a circumstance, not a choice.
+    None,
+}
+
+/// One setting of a knob, measured.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Point {
+    /// The setting.
+    pub value: String,
+    /// The scene.
+    pub scene: String,
+    /// Median time of a picture.
+    pub time_ms: f64,
+    /// Between the quartiles of that.
+    pub time_spread_ms: f64,
+    /// In the unit of the metric, smaller is better.
+    pub error: f64,
+    /// Of a frame.
+    pub bytes: u64,
+    /// Whether no other setting is at least as good in cost, error and what is undefined, and better in one of them.
+    pub pareto: bool,
+    /// Whatever else was measured, by name.
+    #[serde(flatten)]
+    pub more: BTreeMap<String, f64>,
+}
+
+impl Point {
+    fn cost(&self, cost: Cost) -> f64 {
+        match cost {
+            Cost::Time => self.time_ms,
+            Cost::Bytes => self.bytes as f64,
+            Cost::None => 0.0,
+        }
+    }
+}
+
+/// A whole sweep: the JSON document.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Sweep {
+    /// [`SCHEMA`].
+    pub schema: u32,
+    /// The knob.
+    pub knob: String,
+    /// The scene, or `all`; each point names its own.
+    pub scene: String,
+    /// Unit of the error.
+    pub metric: String,
+    /// What it is bought with.
+    pub cost: Cost,
+    /// Width and height in pixels.
+    pub size: [u32; 2],
+    /// Timed runs of each setting.
+    pub runs: u32,
+    /// Settings, scene by scene.
+    pub points: Vec<Point>,
+    /// What the curve says.
+    pub resume: String,
+}
+
+impl Sweep {
+    /// The points of each scene.
+    pub fn by_scene(&self) -> impl Iterator<Item = &[Point]> {
+        self.points.chunk_by(|a, b| a.scene == b.scene)
+    }
+}
+
+/// Says how many of how many steps are done.
+pub type Progress<'a> = &'a mut dyn FnMut(u64, u64);
+
+/// Measures the points of a knob on one scene.
+type Measure = fn(&Request<'_>, &str, Progress<'_>) -> Result<Vec<Point>, SweepError>;
+
+/// Something that can be turned.
+pub struct Knob {
+    /// Name on the command line.
+    pub name: &'static str,
+    /// What it turns.
+    pub about: &'static str,
+    /// Unit of the error.
+    pub metric: &'static str,
+    /// What a smaller error is paid with.
+    pub cost: Cost,
+    /// Scenes it can be turned on.
+    pub scenes: fn() -> Vec<String>,
+    measure: Measure,
+}
+
+/// All knobs.
+pub const KNOBS: &[Knob] = &[
+    surface::knob("solver", "how pictures of children are searched", Cost::Time, |request, scene, progress| {
+        surface::measure(request, scene, &settings::solvers(request), progress)
+    }),
+    surface::knob("steps", "steps of the solvers that have them", Cost::Time, |request, scene, progress| {
+        surface::measure(request, scene, &settings::steps(request), progress)
+    }),
+    surface::knob("normals", "where normals come from, and their bits", Cost::Bytes, |request, scene, progress| {
+        surface::measure(request, scene, &settings::normals(request), progress)
+    }),
+    surface::knob("depth-bits", "bits of depth, of root and of children", Cost::Bytes, |request, scene, progress| {
+        surface::measure(request, scene, &settings::depth_bits(request), progress)
+    }),
+    surface::knob("depth-coding", "what the depth of children measures", Cost::Bytes, |request, scene, progress| {
+        surface::measure(request, scene, &settings::depth_codings(request), progress)
+    }),
+    surface::knob("frame-age", "milliseconds a head has moved since", Cost::None, |request, scene, progress| {
+        surface::measure(request, scene, &settings::frame_ages(request), progress)
+    }),
+    surface::knob("head-translation", "centimetres a head has moved", Cost::None, |request, scene, progress| {
+        surface::measure(request, scene, &settings::head_translations(request), progress)
+    }),
+];
+
+/// Why there is no sweep.
+#[derive(Debug, thiserror::Error)]
+pub enum SweepError {
+    /// Nobody knows this knob.
+    #[error("KNOB: expected one of {}, found '{found}'", names())]
+    UnknownKnob {
+        /// What was asked for.
+        found: String,
+    },
+    /// The knob is not turned on this scene.
+    #[error("--scene: expected one of {expected} for knob {knob}, found '{found}'")]
+    UnknownScene {
+        /// The knob.
+        knob: &'static str,
+        /// Its scenes.
+        expected: String,
+        /// What was asked for.
+        found: String,
+    },
+    /// A strip just encoded was refused.
+    #[error("decoding a frame just encoded: {0}")]
+    Wire(#[from] DecodeError),
+}
+
+/// Names of all knobs.
+pub fn names() -> String {
+    KNOBS.iter().map(|knob| knob.name).collect::<Vec<_>>().join(", ")
+}
+
+impl Knob {
+    /// The knob of this name.
+    ///
+    /// # Errors
+    /// There is none.
+    pub fn named(name: &str) -> Result<&'static Knob, SweepError> {
+        let unknown = || SweepError::UnknownKnob { found: name.to_owned() };
+        KNOBS.iter().find(|knob| knob.name == name).ok_or_else(unknown)
+    }
+
+    /// Turns the knob on one scene, or on all it can be turned on.
+    ///
+    /// # Errors
+    /// A scene that it cannot be turned on.
+    pub fn sweep(
+        &'static self,
+        request: &Request<'_>,
+        scene: Option<&str>,
+        progress: &mut dyn FnMut(&str, u64, u64),
+    ) -> Result<Sweep, SweepError> {
+        let known = (self.scenes)();
+        let scenes: Vec<&str> = match scene {
+            None => known.iter().map(String::as_str).collect(),
+            Some(scene) if known.iter().any(|known| known == scene) => vec![scene],
+            Some(scene) => {
+                let (expected, found) = (known.join(", "), scene.to_owned());
+                return Err(SweepError::UnknownScene { knob: self.name, expected, found });
+            }
+        };
+        let mut points = Vec::new();
+        let mut resumes = Vec::new();
+        for scene in &scenes {
+            let mut curve = (self.measure)(request, scene, &mut |done, all| progress(scene, done, all))?;
+            pareto::mark(&mut curve, self.cost);
+            resumes.push(pareto::resume(&curve, self.cost, self.metric));
+            points.extend(curve);
+        }
+        let resume = match (&scenes[..], &resumes[..]) {
+            (_, [resume]) => resume.clone(),
+            (scenes, resumes) => {
+                let named: Vec<String> =
+                    scenes.iter().zip(resumes).map(|(scene, resume)| format!("{scene}: {resume}")).collect();
+                named.join("; ")
+            }
+        };
+        Ok(Sweep {
+            schema: SCHEMA,
+            knob: self.name.to_owned(),
+            scene: scene.unwrap_or("all").to_owned(),
+            metric: self.metric.to_owned(),
+            cost: self.cost,
+            size: [request.size.width, request.size.height],
+            runs: request.runs,
+            points,
+            resume,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests;
