@@ -71,6 +71,8 @@ struct Bench {
     normals: Normals,
     runs: u32,
     rows: Vec<Row>,
+    /// By case, the fractions of tiles whose root, and all of whose children, mode `specular` interpolated.
+    interpolated_tiles: BTreeMap<String, [f64; 2]>,
 }
 
 impl Bench {
@@ -105,8 +107,14 @@ impl Bench {
 pub(super) fn run(arguments: &BenchArgs) -> Result<(), Failure> {
     let scene = Scene::load(&arguments.scene)?;
     let camera = Camera::symmetric(80_f32.to_radians(), arguments.size);
-    let mut bench =
-        Bench { camera, solver: arguments.solver, normals: arguments.normals, runs: arguments.runs, rows: Vec::new() };
+    let mut bench = Bench {
+        camera,
+        solver: arguments.solver,
+        normals: arguments.normals,
+        runs: arguments.runs,
+        rows: Vec::new(),
+        interpolated_tiles: BTreeMap::new(),
+    };
     let only = arguments.only.as_str();
     let is_wanted = |case: &str| only.is_empty() || case == only || case.split(' ').next() == Some(only);
     let (of_codec, of_scene) = (format!("codec {}", scene.name), format!("scene {}", scene.name));
@@ -130,7 +138,7 @@ pub(super) fn run(arguments: &BenchArgs) -> Result<(), Failure> {
         let threads = rayon::current_num_threads();
         let machine =
             serde_json::json!({ "threads": threads, "arch": std::env::consts::ARCH, "os": std::env::consts::OS });
-        let document = serde_json::json!({ "schema": 1, "machine": machine, "scene": scene.name, "spp": arguments.spp, "rows": bench.rows });
+        let document = serde_json::json!({ "schema": 1, "machine": machine, "scene": scene.name, "spp": arguments.spp, "rows": bench.rows, "interpolated_tiles": bench.interpolated_tiles });
         println!("{}", serde_json::to_string(&document).context("bench document")?);
     } else {
         println!("{:<26} {:<26} {:>9} {:>9} {:>9} {:>9}", "case", "stage", "min ms", "median", "max", "bit/px");
@@ -139,6 +147,13 @@ pub(super) fn run(arguments: &BenchArgs) -> Result<(), Failure> {
             println!(
                 "{:<26} {:<26} {:>9.2} {:>9.2} {:>9.2} {bits:>9}",
                 row.case, row.stage, row.min_ms, row.median_ms, row.max_ms
+            );
+        }
+        for (case, [root, children]) in &bench.interpolated_tiles {
+            println!(
+                "{case}: {:.0} % of the tiles have their root interpolated, {:.0} % all of their children",
+                100.0 * root,
+                100.0 * children
             );
         }
     }
@@ -251,6 +266,7 @@ fn warp_stages(bench: &mut Bench, case: &str, frame: &Tree, display_pose: &Pose,
             warper.show(mode, frame, display_pose, &camera, exposure, &mut picture);
         });
     }
+    bench.interpolated_tiles.insert(case.to_owned(), warper.smooth_tiles());
     for stage in Stage::ALL {
         bench.time(case, stage.name(), None, || warper.run(stage, display_pose, &camera, exposure, &mut picture));
     }

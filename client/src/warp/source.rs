@@ -1,5 +1,5 @@
 //! A frame made ready to be warped: its picture from its own pose, and the inverse depth of what it shows.
-//!
+
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 use warplight_protocol::frame::{Tree, flatten};
@@ -9,8 +9,8 @@ use warplight_protocol::{Camera, ImageSize, Pose};
 /// thousandth of a pixel then change nothing, and the picture of an unmoved head is the old one to the bit.
 const SUBTEXELS: i32 = 256;
 
-#[cfg(test)]
 /// Texels whose inverse depths differ by more than this fraction lie on different surfaces.
+#[cfg(test)]
 const EDGE: f32 = 0.05;
 
 /// The old picture.

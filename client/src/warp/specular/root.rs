@@ -110,7 +110,8 @@ pub(super) struct SurfaceSample<F: Floats> {
 #[inline(always)]
 pub(super) fn surface_at<F: Floats>(frame: &Prepared, u: F, v: F, at_edge: bool) -> SurfaceSample<F> {
     let planes = frame.surface(0);
-    let [own] = F::gather_words([planes[0]], texel(frame, u, v));
+    let nearest = texel(frame, u, v);
+    let [own] = F::gather_words([planes[0]], nearest);
     let mut own = own.as_floats();
     let (zero, one) = (F::zero(), F::splat(1.0));
     if !at_edge && !zero.lt(own).any() {
@@ -124,8 +125,7 @@ pub(super) fn surface_at<F: Floats>(frame: &Prepared, u: F, v: F, at_edge: bool)
     let mut near = [always; 4];
     let mut on_it = (u, v);
     if at_edge {
-        let [depth] = F::gather_words([frame.inverse_depth()], texel(frame, u, v));
-        let depth = depth.as_floats();
+        let [depth] = as_floats(F::gather_words([frame.inverse_depth()], nearest));
         // Centres of the taps.
         let (left, upper) = (u - x, v - y);
         let centres = [(left, upper), (left + one, upper), (left, upper + one), (left + one, upper + one)];

@@ -76,7 +76,7 @@ pub(super) fn shade<F: Floats>(
     [footprints, in_depths]: &mut [Footprints; 2],
 ) {
     let Context { frame, width, height, .. } = *context;
-    if is_plain::<F>(context, tile, (tile_x, tile_y), (canvas, half, state), footprints) {
+    if shade_plain::<F>(context, tile, (tile_x, tile_y), (canvas, half, state), footprints) {
         return;
     }
     let (left, rows) = (tile_x * TILE, TILE.min(height - tile_y * TILE));
@@ -136,9 +136,10 @@ pub(super) fn shade<F: Floats>(
     half.set_present(tile_x, tile.present | 1);
 }
 
-/// The same of a whole tile that shows the root alone, interpolated, if every texel it needs is known. Most are.
+/// The same of a whole tile that shows the root alone, interpolated, if every texel it needs is known; most are. Tells
+/// whether it was: else nothing has been painted.
 #[inline(always)]
-fn is_plain<F: Floats>(
+fn shade_plain<F: Floats>(
     context: &Context<'_>,
     tile: &TilePixels,
     (tile_x, tile_y): (usize, usize),
