@@ -137,7 +137,7 @@ impl Assembler {
 mod tests {
     use super::*;
     use warplight_protocol::codec::StripEncoder;
-    use warplight_protocol::frame::{FrameFormat, FrameId, Interfaces, Plan};
+    use warplight_protocol::frame::{FrameFormat, FrameId, Interfaces, Plan, VolumeRange};
     use warplight_protocol::message::FramePurpose;
 
     fn shape() -> FrameShape {
@@ -146,6 +146,7 @@ mod tests {
             plan: Plan::mirror(),
             interfaces: Interfaces::default(),
             format: FrameFormat::default(),
+            volume: VolumeRange::default(),
             strip_rows: 8,
             exposure: 1.0,
         }

@@ -8,7 +8,10 @@ use fixed::{framed, messages, shape, strips};
 use std::collections::BTreeMap;
 use warplight_protocol::codec::samples::{Packing, Predictor};
 use warplight_protocol::codec::{FrameShape, Limits, PLANE_HEADER_BYTES, PlaneKind, STRIP_HEADER_BYTES, StripDecoder};
-use warplight_protocol::frame::{ColorFormat, DepthCoding, FrameFormat, MAX_INTERFACES, MAX_NODES, Plan, thesis_bits};
+use warplight_protocol::frame::{
+    ColorFormat, DepthCoding, FrameFormat, Layering, MAX_INTERFACES, MAX_LAYERS, MAX_NODES, Plan, VolumeFormat,
+    thesis_bits,
+};
 use warplight_protocol::message::{
     Capabilities, ErrorCode, MAGIC, MAX_ERROR_TEXT_BYTES, MAX_POSE_SAMPLES, Message, MessageKind, VERSION,
 };
@@ -63,6 +66,7 @@ fn numbers_are_those_of_the_code() {
         ("MAX_ERROR_TEXT_BYTES", MAX_ERROR_TEXT_BYTES.to_string()),
         ("MAX_NODES", MAX_NODES.to_string()),
         ("MAX_INTERFACES", MAX_INTERFACES.to_string()),
+        ("MAX_LAYERS", MAX_LAYERS.to_string()),
         ("ImageSize::MAX_SIDE", ImageSize::MAX_SIDE.to_string()),
         ("Limits::control_bytes", limits.control_bytes.to_string()),
         ("Limits::strip_bytes", limits.strip_bytes.to_string()),
@@ -123,6 +127,10 @@ fn errors_capabilities_and_formats_are_those_of_the_code() {
     assert_eq!(allowed["format.child_depth_bits"], range(FrameFormat::DEPTH_BITS));
     assert_eq!(allowed["format.normal_bits"], range(FrameFormat::NORMAL_BITS));
     assert_eq!(allowed["format.shape_bits"], format!("0: not sent; else {}", range(FrameFormat::SHAPE_BITS)));
+    assert_eq!(allowed["format.volume.layers"], format!("0 to {MAX_LAYERS}"));
+    assert_eq!(allowed["format.volume.layering"], Layering::ALL.map(|layering| format!("{layering:?}")).join(", "));
+    assert_eq!(allowed["format.volume.depth_bits"], range(VolumeFormat::DEPTH_BITS));
+    assert_eq!(allowed["format.volume.optical_depth_bits"], range(VolumeFormat::OPTICAL_DEPTH_BITS));
     let codings = [DepthCoding::Relative, DepthCoding::Unfolded].map(|coding| format!("{coding:?}"));
     assert_eq!(allowed["format.child_depth"], codings.join(", "));
 }
@@ -168,9 +176,12 @@ fn kinds_of_planes_are_those_of_the_code() {
             PlaneKind::Interface => shape.interfaces.bits(),
             PlaneKind::Normal => shape.format.normal_bits.into(),
             PlaneKind::Shape => shape.format.shape_bits.into(),
+            PlaneKind::OpticalDepth => shape.format.volume.optical_depth_bits.into(),
+            PlaneKind::Extent => shape.format.volume.depth_bits.into(),
+            PlaneKind::Source => shape.format.volume.source.bits(),
         };
         assert_eq!(row[2].parse::<usize>().unwrap() * each, bits);
-        assert!(!(16..32).contains(&(kind as u8)), "kept for volumes");
+        assert_eq!((16..32).contains(&(kind as u8)), kind.is_of_layer());
     }
     let named = |head: &str| rows(head).iter().map(|row| row[0].to_owned()).collect::<Vec<_>>();
     assert_eq!(named("predictor | value"), [Predictor::Gradient, Predictor::Median].map(|p| format!("{p:?}")));

@@ -129,6 +129,7 @@ fn compare(name: &str, side: u32, budget_ms: u32, reference_spp: u32, folder: &P
         render_pose: pose_at(&head, FRAME_SECS * f64::from(frame.min(FRAMES))),
         camera,
         plan: plan.clone(),
+        volume: None,
         spp,
         max_depth: 8,
         seed,

@@ -70,6 +70,7 @@ fn main() -> Result<(), Box<dyn Error>> {
             render_pose: pose_at(&head, frame),
             camera,
             plan: plan.clone(),
+            volume: None,
             spp: REFERENCE_SPP,
             max_depth: 8,
             seed: frame + 1,

@@ -18,6 +18,10 @@ pub struct RayCounts {
     pub diffuse: u64,
     /// Rays that leave a rough surface in a sampled direction.
     pub glossy: u64,
+    /// Rays that leave a point of a medium in a sampled direction.
+    pub scatter: u64,
+    /// Steps of rays of view through matter: not rays.
+    pub steps: u64,
     /// Rays that ask only whether a light is seen.
     pub shadow: u64,
     /// Samples dropped because their radiance was not finite: not rays, and always to be zero.
@@ -26,13 +30,15 @@ pub struct RayCounts {
 
 impl RayCounts {
     /// Names, as reports carry them, and counts.
-    pub fn named(&self) -> [(&'static str, u64); 7] {
+    pub fn named(&self) -> [(&'static str, u64); 9] {
         [
             ("rays.primary", self.primary),
             ("rays.reflect", self.reflect),
             ("rays.refract", self.refract),
             ("rays.diffuse", self.diffuse),
             ("rays.glossy", self.glossy),
+            ("rays.scatter", self.scatter),
+            ("volume.steps", self.steps),
             ("rays.shadow", self.shadow),
             ("samples.dropped", self.dropped),
         ]
@@ -40,7 +46,7 @@ impl RayCounts {
 
     /// All rays.
     pub fn rays(&self) -> u64 {
-        self.primary + self.reflect + self.refract + self.diffuse + self.glossy + self.shadow
+        self.primary + self.reflect + self.refract + self.diffuse + self.glossy + self.scatter + self.shadow
     }
 }
 
@@ -52,6 +58,8 @@ pub struct Counters {
     refract: AtomicU64,
     diffuse: AtomicU64,
     glossy: AtomicU64,
+    scatter: AtomicU64,
+    steps: AtomicU64,
     shadow: AtomicU64,
     dropped: AtomicU64,
 }
@@ -64,6 +72,8 @@ impl Counters {
         self.refract.fetch_add(counts.refract, Relaxed);
         self.diffuse.fetch_add(counts.diffuse, Relaxed);
         self.glossy.fetch_add(counts.glossy, Relaxed);
+        self.scatter.fetch_add(counts.scatter, Relaxed);
+        self.steps.fetch_add(counts.steps, Relaxed);
         self.shadow.fetch_add(counts.shadow, Relaxed);
         self.dropped.fetch_add(counts.dropped, Relaxed);
     }
@@ -76,6 +86,8 @@ impl Counters {
             refract: self.refract.load(Relaxed),
             diffuse: self.diffuse.load(Relaxed),
             glossy: self.glossy.load(Relaxed),
+            scatter: self.scatter.load(Relaxed),
+            steps: self.steps.load(Relaxed),
             shadow: self.shadow.load(Relaxed),
             dropped: self.dropped.load(Relaxed),
         }
@@ -89,10 +101,20 @@ mod tests {
     #[test]
     fn counts_of_workers_add_up() {
         let counters = Counters::default();
-        let worker = RayCounts { primary: 1, reflect: 2, refract: 3, diffuse: 4, glossy: 5, shadow: 6, dropped: 7 };
+        let worker = RayCounts {
+            primary: 1,
+            reflect: 2,
+            refract: 3,
+            diffuse: 4,
+            glossy: 5,
+            scatter: 6,
+            steps: 9,
+            shadow: 7,
+            dropped: 8,
+        };
         counters.add(&worker);
         counters.add(&worker);
-        assert_eq!(counters.snapshot().named().map(|(_, count)| count), [2, 4, 6, 8, 10, 12, 14]);
-        assert_eq!(counters.snapshot().rays(), 42);
+        assert_eq!(counters.snapshot().named().map(|(_, count)| count), [2, 4, 6, 8, 10, 12, 18, 14, 16]);
+        assert_eq!(counters.snapshot().rays(), 56);
     }
 }

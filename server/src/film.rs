@@ -156,6 +156,7 @@ pub fn render_image(
     after_pass: &mut dyn FnMut(&Progress<'_>) -> ControlFlow<()>,
 ) -> Image {
     let eye = Eye::new(tracer.scene(), pose, *camera);
+    let inside = tracer.enclosure_at(eye.position());
     let width = camera.size.width as usize;
     let mut pixels = vec![Pixel::default(); camera.size.pixels()];
     let batch_spp = settings.batch_spp.unwrap_or(u32::MAX).max(1);
@@ -171,7 +172,7 @@ pub fn render_image(
                 for index in pass.clone() {
                     let mut sampler = Sampler::new(seed, pixel as u64, index);
                     let ray = eye_ray(&eye, Vec2::new(column as f32, row as f32), settings.filter, &mut sampler);
-                    let radiance = tracer.radiance(&ray, settings.max_depth, &mut sampler, &mut counts);
+                    let radiance = tracer.radiance(&ray, inside, settings.max_depth, &mut sampler, &mut counts);
                     if radiance.is_finite() {
                         sums.add(radiance);
                     } else {

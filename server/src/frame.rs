@@ -15,17 +15,21 @@
 
 mod cached;
 mod glossy;
+mod media;
 mod rest;
 mod sentinels;
 
 pub use cached::LiveFrames;
+pub use media::MediaInView;
+
+use media::Media;
 
 use crate::accel::{Ray, SurfacePoint};
-use crate::bsdf::{Boundary, Bsdf, Lobes, Medium, interface_of};
+use crate::bsdf::{Boundary, Bsdf, Enclosure, Lobes, interface_of};
 use crate::counters::{Counters, RayCounts};
 use crate::effects::Simulated;
 use crate::integrator::sampler::Sampler;
-use crate::integrator::{Events, PathTracer, Vertex};
+use crate::integrator::{Departure, Events, PathTracer, Vertex};
 use crate::scene::{Origins, Scene};
 use glam::{DVec3, Mat3, Vec3};
 use rayon::prelude::*;
@@ -33,7 +37,8 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use warplight_protocol::curvature::ShapeOperator;
 use warplight_protocol::frame::{
-    Arrival, Interfaces, MAX_INTERFACES, MAX_NODES, NodeRows, Plan, Tree, TreeRows, UNDEFINED,
+    Arrival, Interfaces, MAX_INTERFACES, MAX_NODES, NodeRows, Plan, Tree, TreeRows, UNDEFINED, VolumeFormat,
+    VolumeRange,
 };
 use warplight_protocol::optics::Interface;
 use warplight_protocol::{Camera, Pose, Timestamp};
@@ -50,12 +55,31 @@ pub struct FrameRequest {
     pub camera: Camera,
     /// Its nodes.
     pub plan: Plan,
+    /// Its layers of volume, if it has any.
+    pub volume: Option<LayersRequest>,
     /// Samples per pixel and node.
     pub spp: u32,
     /// Longest path in segments: 1 shows lights only, 2 direct light.
     pub max_depth: u32,
     /// Seed of all randomness.
     pub seed: u64,
+}
+
+/// Which layers of volume to render.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LayersRequest {
+    /// How many, and how they are cut.
+    pub format: VolumeFormat,
+    /// Where they are: of [`crate::march::MediaBounds`], for the pose.
+    pub range: VolumeRange,
+    /// Where the layering is optimal: by the plain program, which takes its time and has more candidates.
+    pub exactly: bool,
+}
+
+impl FrameRequest {
+    fn layers(&self) -> usize {
+        self.volume.map_or(0, |volume| usize::from(volume.format.layers))
+    }
 }
 
 /// Renders frames of one scene.
@@ -65,6 +89,7 @@ pub struct FrameRenderer {
     interfaces: Interfaces,
     origins: Origins,
     version: SceneVersion,
+    media: Media,
 }
 
 /// Which scene a renderer shows, and which of its states.
@@ -129,13 +154,22 @@ struct Edge {
 /// The ray that a node of a pixel follows.
 struct Segment {
     ray: Ray,
-    medium: Medium,
+    medium: Enclosure,
     factor: Vec3,
     segments: u32,
     /// Length of the way to its start.
     path_m: f32,
     /// Where its radiance is evaluated, if not at the surface it meets: of what, and over which weight.
     blurred: Option<(Vertex, Events, Vec3)>,
+}
+
+/// What media do to light on a segment.
+#[derive(Clone, Copy)]
+struct Way {
+    /// What is left of it.
+    left: Vec3,
+    /// What they send and scatter, with the factor of the segment.
+    gathered: Vec3,
 }
 
 /// What the nodes of a pixel show, filled from the root on: a parent is there before its children.
@@ -171,12 +205,10 @@ impl FrameRenderer {
     pub fn limited(scene: Arc<Scene>, simulated: Simulated) -> FrameRenderer {
         let version =
             SceneVersion { scene: RENDERERS.fetch_add(1, Ordering::Relaxed), state: 0, time: Timestamp::ZERO };
-        let mut renderer = FrameRenderer {
-            interfaces: interfaces_of(&scene),
-            origins: Origins::of(&scene),
-            tracer: PathTracer::limited(scene, simulated),
-            version,
-        };
+        let (interfaces, origins) = (interfaces_of(&scene), Origins::of(&scene));
+        let tracer = PathTracer::limited(scene, simulated);
+        let media = Media::new(&tracer);
+        let mut renderer = FrameRenderer { interfaces, origins, tracer, version, media };
         renderer.move_to(Timestamp::ZERO);
         renderer
     }
@@ -187,6 +219,7 @@ impl FrameRenderer {
         let origins = &self.origins;
         if self.moves() && self.tracer.change(|scene| origins.place(scene, secs)) {
             self.version.state += 1;
+            self.media.forget_light();
         }
         self.version.time = time;
     }
@@ -221,7 +254,9 @@ impl FrameRenderer {
         on_band: &(dyn Fn(&TreeRows<'_>) + Sync),
     ) {
         tree.reset(request.render_pose, request.camera, &request.plan, &self.interfaces);
-        let eye = Eye::new(self.scene(), &request.render_pose, request.camera);
+        tree.set_layers(request.layers());
+        let eye = self.eye_of(request);
+        let view = self.media_in_view(&request.render_pose, request.camera);
         tree.bands_mut(BAND_ROWS).into_par_iter().for_each(|mut band| {
             let mut counts = RayCounts::default();
             let first = (band.rows.start * request.camera.size.width) as usize;
@@ -232,6 +267,7 @@ impl FrameRenderer {
                     link.factor * self.surface_radiance(request, link, node, at.pixel, counts)
                 });
             }
+            view.march_band(request, &mut band, &mut counts);
             counters.add(&counts);
             on_band(&band);
         });
@@ -258,7 +294,7 @@ impl FrameRenderer {
                     let ray = eye.ray_through_centre(pixel);
                     Some(Segment {
                         ray,
-                        medium: Medium::AIR,
+                        medium: eye.inside,
                         factor: Vec3::ONE,
                         segments: 1,
                         path_m: 0.0,
@@ -273,16 +309,17 @@ impl FrameRenderer {
             let segment = segment.filter(|segment| segment.segments <= request.max_depth);
             let (distance, radiance, link) = match segment {
                 None => (UNDEFINED, Vec3::ZERO, None),
-                Some(segment) => {
-                    let met = self.tracer.surface_along(&segment.ray, 0);
+                Some(mut segment) => {
+                    let (met, way) = self.meet(request, &mut segment, pixel * MAX_NODES + node, counts);
                     let distance = met.map_or(f32::INFINITY, |(_, distance)| distance);
-                    match self.link(&segment, met.map(|(point, _)| point), distance) {
+                    match self.link(&segment, met.map(|(point, _)| point), distance, way.left) {
                         None => {
-                            let through = segment.factor * segment.medium.transmittance(f32::INFINITY);
-                            (distance, through * self.scene().environment.radiance(segment.ray.direction), None)
+                            let through = segment.factor * way.left;
+                            let sky = self.scene().environment.radiance(segment.ray.direction);
+                            (distance, through * sky + way.gathered, None)
                         }
                         Some(link) => {
-                            let radiance = radiance_of(&link, node, counts);
+                            let radiance = radiance_of(&link, node, counts) + way.gathered;
                             // A distance that rounds to zero would read as undefined.
                             (distance.max(f32::MIN_POSITIVE), radiance, Some(link))
                         }
@@ -315,8 +352,53 @@ impl FrameRenderer {
         }
     }
 
+    /// The eye of a frame, and what it is inside of.
+    fn eye_of(&self, request: &FrameRequest) -> Eye {
+        let eye = Eye::new(self.scene(), &request.render_pose, request.camera);
+        Eye { inside: self.tracer.enclosure_at(eye.position), ..eye }
+    }
+
+    /// The first real surface on a segment, whose medium becomes that before the surface, and what media do to light
+    /// on the way. Those on the eye's own segment are for layers of volume to show, and do nothing to the root; without
+    /// layers it shows them itself.
+    fn meet(
+        &self,
+        request: &FrameRequest,
+        segment: &mut Segment,
+        stream: usize,
+        counts: &mut RayCounts,
+    ) -> (Option<(SurfacePoint, f32)>, Way) {
+        if !self.tracer.has_media {
+            let met = self.tracer.surface_along(&segment.ray, 0);
+            let left = segment.medium.transmittance(met.map_or(f32::INFINITY, |(_, distance)| distance));
+            return (met, Way { left, gathered: Vec3::ZERO });
+        }
+        let before = segment.medium;
+        let passed = self.tracer.pass_media(&segment.ray, before, f32::INFINITY, |_| {});
+        segment.medium = passed.medium;
+        let met = passed.surface.map(|point| (point, passed.distance));
+        let mut way = Way { left: Vec3::ONE, gathered: Vec3::ZERO };
+        // A lobe's samples go through the media on their own.
+        if (segment.segments > 1 || request.volume.is_none()) && segment.blurred.is_none() {
+            let (arrival, segments) = (crate::integrator::Arrival::Certain, segment.segments);
+            let (ray, throughput) = (segment.ray, segment.factor);
+            let departure = Departure { ray, medium: before, arrival, segments, channel: None, throughput, eta2: 1.0 };
+            let spp = request.spp.max(1);
+            (way.left, way.gathered) = (Vec3::ZERO, Vec3::ZERO);
+            for index in 0..spp {
+                // Other numbers than those of the surface.
+                let mut sampler = Sampler::new(!request.seed, stream as u64, index);
+                let (left, gathered) =
+                    self.tracer.on_the_way(departure, passed.distance, request.max_depth, &mut sampler, counts);
+                way.left += left / spp as f32;
+                way.gathered += gathered / spp as f32;
+            }
+        }
+        (met, way)
+    }
+
     /// What a node shows whose ray meets `point`; `None` where it shows the environment.
-    fn link(&self, segment: &Segment, point: Option<SurfacePoint>, distance: f32) -> Option<Link> {
+    fn link(&self, segment: &Segment, point: Option<SurfacePoint>, distance: f32, left: Vec3) -> Option<Link> {
         if let Some((vertex, events, over)) = segment.blurred {
             let path_m = segment.path_m + if point.is_some() { distance } else { 0.0 };
             return Some(Link { vertex, events, boundary: None, factor: segment.factor / over, path_m });
@@ -340,7 +422,7 @@ impl FrameRenderer {
                 .sharp()
                 .map(|boundary| edge(boundary, false))
                 .or_else(|| bsdf.nearly_sharp().map(|boundary| edge(boundary, true))),
-            factor: segment.factor * segment.medium.transmittance(distance),
+            factor: segment.factor * left,
             path_m: segment.path_m + distance,
         })
     }
@@ -453,13 +535,20 @@ pub(crate) struct Eye {
     position: Vec3,
     world_from_view: Mat3,
     camera: Camera,
+    /// The media around it; air unless it was asked for.
+    inside: Enclosure,
 }
 
 impl Eye {
     /// The tracer's space is the world about the scene's origin.
     pub(crate) fn new(scene: &Scene, pose: &Pose, camera: Camera) -> Eye {
         let world_from_view = glam::DMat3::from_quat(pose.orientation.normalize()).as_mat3();
-        Eye { position: (pose.position - scene.origin).as_vec3(), world_from_view, camera }
+        Eye { position: (pose.position - scene.origin).as_vec3(), world_from_view, camera, inside: Enclosure::AIR }
+    }
+
+    /// Where it is.
+    pub(crate) fn position(&self) -> Vec3 {
+        self.position
     }
 
     /// The ray through a position of the image.
@@ -503,5 +592,7 @@ fn interfaces_of(scene: &Scene) -> Interfaces {
 
 #[cfg(test)]
 mod cube_tests;
+#[cfg(test)]
+mod media_tests;
 #[cfg(test)]
 mod tests;

@@ -12,6 +12,8 @@ pub mod effects;
 pub mod film;
 pub mod frame;
 pub mod integrator;
+pub mod layering;
+pub mod march;
 pub mod net;
 pub mod predict;
 pub mod scene;
@@ -20,3 +22,4 @@ pub mod session;
 pub mod stream;
 #[cfg(test)]
 mod testing;
+pub mod volume;

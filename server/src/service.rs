@@ -2,6 +2,7 @@
 
 use crate::effects::{Effects, plan_of};
 use crate::frame::FrameRenderer;
+use crate::march::MediaBounds;
 use crate::scene::Scene;
 use crate::session::{SampleBudget, SessionConfig};
 use crate::stream::STRIP_ROWS;
@@ -73,6 +74,9 @@ pub fn guard_deg(text: &str) -> Result<f64, String> {
     }
 }
 
+/// Samples of the light in each voxel of a medium before the first frame.
+const FIRST_LIGHT_SPP: u32 = 4;
+
 /// Most samples per pixel that a client may ask of a still.
 const MAX_STILL_SPP: u32 = 65_536;
 
@@ -106,12 +110,15 @@ impl Service {
             exposure: scene.exposure,
             plan: options.plan.clone().unwrap_or_else(|| plan_of(&scene)),
             interfaces: renderer.interfaces().clone(),
+            media: MediaBounds::of(&scene),
             samples: options.samples,
             max_still_spp: MAX_STILL_SPP,
             strip_rows: STRIP_ROWS,
             guard_rad: options.guard_deg.to_radians(),
             limits: Limits::default(),
         };
+        // Enough to begin with; frames add to it.
+        live_pool.install(|| renderer.refine_all_light(FIRST_LIGHT_SPP, options.max_depth, options.seed));
         Ok(Service { renderer, session, options, live_pool, still_pool })
     }
 }

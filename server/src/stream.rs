@@ -2,7 +2,7 @@
 
 use crate::cache::CacheSettings;
 use crate::counters::Counters;
-use crate::frame::{BAND_ROWS, FrameRenderer, FrameRequest, LiveFrames};
+use crate::frame::{BAND_ROWS, FrameRenderer, FrameRequest, LayersRequest, LiveFrames};
 use crate::service::{Estimator, Service};
 use crate::session::RenderJob;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -13,6 +13,9 @@ use warplight_protocol::{Camera, ImageSize, Pose};
 
 /// Rows of a strip, which is a band of the renderer.
 pub const STRIP_ROWS: u16 = BAND_ROWS as u16;
+
+/// Samples that every live frame adds to the light in media: about 20 ms on two cores.
+const LIGHT_SAMPLES: usize = 8192;
 
 /// Renders and encodes the frames of one session; its buffers live from frame to frame.
 #[derive(Debug)]
@@ -42,10 +45,12 @@ impl FrameStream {
     /// when it is encoded; both by any worker and in no order.
     pub fn run(&mut self, job: &RenderJob, on_rendered: &(dyn Fn() + Sync), on_strip: &(dyn Fn(Vec<u8>) + Sync)) {
         let shape = &job.begin.shape;
+        let format = shape.format.volume;
         let request = FrameRequest {
             render_pose: job.begin.render_pose,
             camera: shape.camera,
             plan: shape.plan.clone(),
+            volume: (format.layers > 0).then_some(LayersRequest { format, range: shape.volume, exactly: false }),
             spp: job.spp,
             max_depth: self.service.options.max_depth,
             // Each frame has noise of its own, or it would stick to the screen.
@@ -70,6 +75,11 @@ impl FrameStream {
             renderer.move_to(job.begin.scene_time);
         }
         let renderer = moving.as_deref().unwrap_or(&service.renderer);
+        pool.install(|| {
+            if is_live && format.layers > 0 {
+                renderer.refine_light(LIGHT_SAMPLES, request.max_depth, request.seed);
+            }
+        });
         pool.install(|| match service.options.estimator {
             Estimator::Cached if is_live => {
                 let live = live.get_or_insert_with(|| LiveFrames::new(CacheSettings::default()));

@@ -60,6 +60,7 @@ impl SceneBuilder {
                 spheres: Vec::new(),
                 materials: Vec::new(),
                 textures: Vec::new(),
+                media: Vec::new(),
                 lights: Vec::new(),
                 environment: Environment::Black,
                 exposure: 1.0,

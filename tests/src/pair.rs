@@ -10,6 +10,7 @@ use warplight_protocol::codec::Limits;
 use warplight_protocol::frame::{FrameFormat, FrameId, Interfaces, Plan};
 use warplight_protocol::message::{Capabilities, FrameBegin, Hello, PoseSample, Viewport};
 use warplight_protocol::{Camera, ImageSize, Pose, Timestamp};
+use warplight_server::march::MediaBounds;
 use warplight_server::session::{SampleBudget, ServerSession, SessionConfig};
 
 /// What the pair is like.
@@ -68,6 +69,7 @@ impl Pair {
             exposure: 1.0,
             plan: Plan::diffuse(),
             interfaces: Interfaces::default(),
+            media: MediaBounds::default(),
             samples: SampleBudget::Samples(1),
             max_still_spp: 1,
             strip_rows: 32,

@@ -5,7 +5,7 @@ use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 use warplight_protocol::codec::{DecodeError, FrameShape, PlaneKind, StripDecoder, StripEncoder};
-use warplight_protocol::frame::{FrameFormat, Interfaces, Tree};
+use warplight_protocol::frame::{FrameFormat, Interfaces, Tree, VolumeRange};
 use warplight_protocol::optics::Interface;
 use warplight_protocol::{Camera, Pose};
 
@@ -23,23 +23,29 @@ pub struct ReceivedFrame {
     pub plane_bytes: BTreeMap<PlaneKind, usize>,
 }
 
-/// Sends a tree over the wire in this format.
-pub fn through_the_wire(mut tree: Tree, format: FrameFormat) -> Result<ReceivedFrame, DecodeError> {
+/// Sends a tree without layers over the wire in this format.
+pub fn through_the_wire(tree: Tree, format: FrameFormat) -> Result<ReceivedFrame, DecodeError> {
     let shape = FrameShape {
         camera: tree.camera,
         plan: tree.plan.clone(),
         interfaces: tree.interfaces.clone(),
         format,
+        volume: VolumeRange::default(),
         strip_rows: STRIP_ROWS,
         exposure: 1.0,
     };
+    send(tree, &shape)
+}
+
+/// Sends a tree over the wire as a frame of this shape.
+pub fn send(mut tree: Tree, shape: &FrameShape) -> Result<ReceivedFrame, DecodeError> {
     let mut received = ReceivedFrame { tree: shape.tree(tree.render_pose), bytes: 0, plane_bytes: BTreeMap::new() };
-    let rows = u32::from(STRIP_ROWS);
+    let rows = u32::from(shape.strip_rows);
     let bands = tree.bands_mut(rows).into_par_iter().zip(received.tree.bands_mut(rows));
     let planes = bands.map(|(sent, mut got)| {
         let mut bytes = Vec::new();
-        let planes = StripEncoder::default().encode(&shape, &sent, &mut bytes);
-        StripDecoder::default().decode(&shape, &bytes, &mut got)?;
+        let planes = StripEncoder::default().encode(shape, &sent, &mut bytes);
+        StripDecoder::default().decode(shape, &bytes, &mut got)?;
         Ok((bytes.len(), planes))
     });
     for (bytes, planes) in planes.collect::<Result<Vec<_>, DecodeError>>()? {

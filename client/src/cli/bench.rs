@@ -1,6 +1,7 @@
 //! `bench`: what each stage of the client costs, on frames made here.
 
-use super::{Failure, bench_frames};
+use super::{Failure, bench_frames, bench_volumes};
+use crate::lanes::Level;
 use crate::warp::{Mode, Normals, Solver, Stage, Warper};
 use anyhow::Context;
 use clap::Args;
@@ -10,7 +11,7 @@ use serde::Serialize;
 use std::collections::BTreeMap;
 use std::time::Instant;
 use warplight_protocol::codec::{FrameShape, PlaneBytes, StripDecoder, StripEncoder};
-use warplight_protocol::frame::{FrameFormat, Tree};
+use warplight_protocol::frame::{FrameFormat, Tree, VolumeRange};
 use warplight_protocol::{Camera, ImageSize, Pose};
 use warplight_server::counters::Counters;
 use warplight_server::effects::plan_of;
@@ -43,6 +44,10 @@ pub(super) struct BenchArgs {
     /// Where it has its normals from: transmitted, from-depth-gaussian or from-depth-bilateral.
     #[arg(long, default_value = Normals::Transmitted.name(), value_name = "NORMALS")]
     normals: Normals,
+    /// Instruction set of warp and march: portable, avx2 or avx512, as far as this machine has it; the widest unless
+    /// given.
+    #[arg(long, value_name = "LEVEL")]
+    level: Option<Level>,
     /// Print one JSON document.
     #[arg(long)]
     json: bool,
@@ -50,13 +55,18 @@ pub(super) struct BenchArgs {
 
 /// One measured stage.
 #[derive(Debug, Serialize)]
-struct Row {
-    case: String,
-    stage: String,
+pub(super) struct Row {
+    pub(super) case: String,
+    pub(super) stage: String,
     size: [u32; 2],
+    /// Of a volume: segments per pixel, and how far around it the head has gone.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) k: Option<usize>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) angle_deg: Option<f64>,
     runs: u32,
     min_ms: f64,
-    median_ms: f64,
+    pub(super) median_ms: f64,
     max_ms: f64,
     #[serde(skip_serializing_if = "Option::is_none")]
     bits_per_pixel: Option<f64>,
@@ -65,19 +75,20 @@ struct Row {
 }
 
 /// A size, and how often to measure.
-struct Bench {
-    camera: Camera,
-    solver: Solver,
-    normals: Normals,
-    runs: u32,
-    rows: Vec<Row>,
+pub(super) struct Bench {
+    pub(super) camera: Camera,
+    pub(super) solver: Solver,
+    pub(super) normals: Normals,
+    pub(super) level: Level,
+    pub(super) runs: u32,
+    pub(super) rows: Vec<Row>,
     /// By case, the fractions of tiles whose root, and all of whose children, mode `specular` interpolated.
-    interpolated_tiles: BTreeMap<String, [f64; 2]>,
+    pub(super) interpolated_tiles: BTreeMap<String, [f64; 2]>,
 }
 
 impl Bench {
     /// Times `work` after one run that is not counted.
-    fn time(&mut self, case: &str, stage: &str, bits_per_pixel: Option<f64>, mut work: impl FnMut()) {
+    pub(super) fn time(&mut self, case: &str, stage: &str, bits_per_pixel: Option<f64>, mut work: impl FnMut()) {
         work();
         let mut millis: Vec<f64> = (0..self.runs)
             .map(|_| {
@@ -93,6 +104,8 @@ impl Bench {
             case: case.to_owned(),
             stage: stage.to_owned(),
             size: [size.width, size.height],
+            k: None,
+            angle_deg: None,
             runs: self.runs,
             min_ms: millis[0],
             median_ms,
@@ -111,6 +124,7 @@ pub(super) fn run(arguments: &BenchArgs) -> Result<(), Failure> {
         camera,
         solver: arguments.solver,
         normals: arguments.normals,
+        level: arguments.level.unwrap_or_default(),
         runs: arguments.runs,
         rows: Vec::new(),
         interpolated_tiles: BTreeMap::new(),
@@ -134,19 +148,24 @@ pub(super) fn run(arguments: &BenchArgs) -> Result<(), Failure> {
             warp_stages(&mut bench, &case, &frame, &bench_frames::moved(&frame.render_pose), 1.0);
         }
     }
+    bench_volumes::run(&mut bench, &is_wanted);
     if arguments.json {
         let threads = rayon::current_num_threads();
-        let machine =
-            serde_json::json!({ "threads": threads, "arch": std::env::consts::ARCH, "os": std::env::consts::OS });
+        let machine = serde_json::json!({ "threads": threads, "arch": std::env::consts::ARCH, "os": std::env::consts::OS, "level": bench.level.name() });
         let document = serde_json::json!({ "schema": 1, "machine": machine, "scene": scene.name, "spp": arguments.spp, "rows": bench.rows, "interpolated_tiles": bench.interpolated_tiles });
         println!("{}", serde_json::to_string(&document).context("bench document")?);
     } else {
-        println!("{:<26} {:<26} {:>9} {:>9} {:>9} {:>9}", "case", "stage", "min ms", "median", "max", "bit/px");
+        println!("level {}, {} threads", bench.level.name(), rayon::current_num_threads());
+        println!("{:<32} {:<28} {:>9} {:>9} {:>9} {:>9}", "case", "stage", "min ms", "median", "max", "bit/px");
         for row in &bench.rows {
             let bits = row.bits_per_pixel.map_or_else(String::new, |bits| format!("{bits:.3}"));
+            let mut case = row.case.clone();
+            for (value, unit) in [(row.k.map(|k| k as f64), "layers"), (row.angle_deg, "deg")] {
+                case.extend(value.map(|value| format!(", {value} {unit}")));
+            }
             println!(
-                "{:<26} {:<26} {:>9.2} {:>9.2} {:>9.2} {bits:>9}",
-                row.case, row.stage, row.min_ms, row.median_ms, row.max_ms
+                "{:<32} {:<28} {:>9.2} {:>9.2} {:>9.2} {bits:>9}",
+                case, row.stage, row.min_ms, row.median_ms, row.max_ms
             );
         }
         for (case, [root, children]) in &bench.interpolated_tiles {
@@ -162,7 +181,15 @@ pub(super) fn run(arguments: &BenchArgs) -> Result<(), Failure> {
 
 fn render(scene: &Scene, camera: Camera, spp: u32) -> Tree {
     let renderer = FrameRenderer::new(std::sync::Arc::new(scene.clone()));
-    let request = FrameRequest { render_pose: scene.head, camera, plan: plan_of(scene), spp, max_depth: 8, seed: 1 };
+    let request = FrameRequest {
+        render_pose: scene.head,
+        camera,
+        plan: plan_of(scene),
+        volume: None,
+        spp,
+        max_depth: 8,
+        seed: 1,
+    };
     let mut tree = Tree::new(scene.head, camera, request.plan.clone(), renderer.interfaces().clone());
     renderer.render(&request, &mut tree, &Counters::default(), &|_| ());
     tree
@@ -174,6 +201,7 @@ fn codec(bench: &mut Bench, case: &str, scene: &Scene, frame: &Tree) -> Result<(
         plan: frame.plan.clone(),
         interfaces: frame.interfaces.clone(),
         format: FrameFormat::default(),
+        volume: VolumeRange::default(),
         strip_rows: STRIP_ROWS,
         exposure: scene.exposure,
     };
@@ -213,12 +241,14 @@ fn codec(bench: &mut Bench, case: &str, scene: &Scene, frame: &Tree) -> Result<(
     }
     let size = [frame.camera.size.width, frame.camera.size.height];
     for ((node, kind), bytes) in planes {
-        let stage = format!("{}.{}", shape.plan.name(usize::from(node)), kind.name());
+        let stage = kind.name_in(&shape.plan, node);
         let bits_per_pixel = Some(bits(bytes));
         bench.rows.push(Row {
             case: case.to_owned(),
             stage,
             size,
+            k: None,
+            angle_deg: None,
             runs: 0,
             min_ms: 0.0,
             median_ms: 0.0,
@@ -238,6 +268,7 @@ fn without_shapes(frame: &Tree) -> Tree {
         plan: frame.plan.clone(),
         interfaces: frame.interfaces.clone(),
         format: FrameFormat { shape_bits: 0, ..FrameFormat::default() },
+        volume: VolumeRange::default(),
         strip_rows: STRIP_ROWS,
         exposure: 1.0,
     };
@@ -247,6 +278,7 @@ fn without_shapes(frame: &Tree) -> Tree {
 
 fn warp_stages(bench: &mut Bench, case: &str, frame: &Tree, display_pose: &Pose, exposure: f32) {
     let mut warper = Warper::default();
+    warper.set_level(bench.level);
     warper.set_solver(bench.solver);
     warper.set_normals(bench.normals);
     let camera = bench.camera;

@@ -46,7 +46,7 @@ fn room(origin: Vec3, direction: Vec3) -> f32 {
 }
 
 /// A pattern without noise.
-fn texture(point: Vec3) -> Vec3 {
+pub(super) fn texture(point: Vec3) -> Vec3 {
     Vec3::splat(0.5) + 0.4 * Vec3::new((5.0 * point.x).sin(), (6.0 * point.y).cos(), (4.0 * (point.x + point.z)).sin())
 }
 

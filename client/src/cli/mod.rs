@@ -4,6 +4,7 @@
 
 mod bench;
 mod bench_frames;
+mod bench_volumes;
 mod optics;
 mod replay;
 mod strip;

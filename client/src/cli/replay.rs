@@ -23,7 +23,7 @@ use std::io::IsTerminal;
 use std::path::PathBuf;
 use std::time::Duration;
 use warplight_protocol::camera::Projection;
-use warplight_protocol::frame::{FrameFormat, Plan};
+use warplight_protocol::frame::{FrameFormat, Layering, Plan, VolumeFormat};
 use warplight_protocol::message::Viewport;
 use warplight_protocol::{Camera, ImageSize};
 use warplight_server::scene::Scene;
@@ -86,6 +86,12 @@ pub(super) struct ReplayArgs {
     /// Where mode `specular` has its normals from: transmitted, from-depth-gaussian or from-depth-bilateral.
     #[arg(long, default_value = Normals::Transmitted.name(), value_name = "NORMALS")]
     normals: Normals,
+    /// Segments of a pixel's volume, where the scene has one: 0 to 8.
+    #[arg(long, default_value_t = 4, value_name = "K", value_parser = clap::value_parser!(u8).range(0..=8))]
+    layers: u8,
+    /// How the server cuts them: quantiles, merged, optimal or slabs.
+    #[arg(long, default_value = Layering::Optimal.name(), value_name = "LAYERING")]
+    layering: Layering,
     /// Frames before the latest that are asked for what that does not know, 0 to 4.
     #[arg(long, default_value_t = 0, value_name = "N", value_parser = clap::value_parser!(u8).range(0..=4))]
     earlier_frames: u8,
@@ -293,6 +299,7 @@ fn plan_of(arguments: &ReplayArgs) -> Result<ReplayPlan, Failure> {
         Format::Default => FrameFormat::default(),
         Format::Thesis => FrameFormat::thesis(),
     };
+    let volume = VolumeFormat { layers: arguments.layers, layering: arguments.layering, ..format.volume };
     let is_compared = |mode: &Mode| arguments.modes.is_empty() || arguments.modes.contains(mode);
     if arguments.strip.is_some() && !strip::MODES.iter().all(is_compared) {
         return Err(Failure::Input("--strip: it shows diffuse and specular, so --modes must name both".to_owned()));
@@ -311,7 +318,7 @@ fn plan_of(arguments: &ReplayArgs) -> Result<ReplayPlan, Failure> {
         solver: arguments.solver,
         normals: arguments.normals,
         earlier_frames: usize::from(arguments.earlier_frames),
-        format,
+        format: FrameFormat { volume, ..format },
         modes: Mode::ALL.into_iter().filter(|mode| is_compared(mode) && mode.shows(projection)).collect(),
         optics: arguments.optics.optics(),
         quality_every: arguments.quality_every.unwrap_or(spacing),

@@ -107,6 +107,9 @@ impl Studio<'_> {
         }
         for (index, &mode) in self.plan.modes.iter().enumerate() {
             progress(index);
+            if !mode.is_told_apart_by(tree) {
+                continue;
+            }
             // As the display saw it: after the frames before.
             self.warper.forget();
             for earlier in capture.earlier.iter().rev() {

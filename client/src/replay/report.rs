@@ -56,7 +56,12 @@ pub fn report_from(
         viewport: viewport(plan, recording),
         link: link(plan, recording, circumstances.link),
         optics: optics(&plan.optics),
-        quality: plan.modes.iter().map(|&mode| mode_quality(quality, mode)).collect(),
+        quality: plan
+            .modes
+            .iter()
+            .filter(|&&mode| is_shown(quality, mode))
+            .map(|&mode| mode_quality(quality, mode))
+            .collect(),
         reference: (!quality.refreshes.is_empty()).then(|| Reference {
             spp: u64::from(plan.quality_spp),
             noise_psnr_db: quality.noise_psnr_db,
@@ -167,7 +172,6 @@ fn prediction(recording: &Recording) -> Prediction {
 fn link(plan: &ReplayPlan, recording: &Recording, model: Option<LinkModel>) -> Link {
     let frames_shown = recording.frames.iter().filter(|frame| frame.shown).count() as u64;
     let seconds = plan.duration.as_secs_f64().max(1e-9);
-    let plane_name = |node: u8| recording.plan.as_ref().map_or_else(String::new, |plan| plan.name(usize::from(node)));
     Link {
         down_bytes: recording.down_bytes,
         up_bytes: recording.up_bytes,
@@ -183,7 +187,7 @@ fn link(plan: &ReplayPlan, recording: &Recording, model: Option<LinkModel>) -> L
         planes: recording
             .bytes_per_plane
             .iter()
-            .map(|(&(node, kind), &bytes)| (format!("{}.{}", plane_name(node), kind.name()), bytes))
+            .filter_map(|(&(node, kind), &bytes)| Some((kind.name_in(recording.plan.as_ref()?, node), bytes)))
             .collect(),
     }
 }
@@ -234,6 +238,11 @@ fn guard_deg(display: &Camera, frame: &Camera) -> f64 {
         beyond(frame.up, display.up),
     ];
     sides.into_iter().fold(0.0, f64::max).to_degrees()
+}
+
+/// Whether pictures tell a mode from others; without pictures every mode is.
+fn is_shown(quality: &QualityRun, mode: Mode) -> bool {
+    quality.refreshes.first().is_none_or(|refresh| refresh.modes.iter().any(|shown| shown.mode == mode))
 }
 
 fn mode_quality(quality: &QualityRun, mode: Mode) -> ModeQuality {

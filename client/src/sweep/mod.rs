@@ -1,7 +1,7 @@
 //! `sweep`: what accuracy costs, as a curve over one knob.
 //!
 //! A [`Knob`] is something that can be turned: it has a name, scenes it can be turned on, an error with a unit, what it
-//! is bought with ([`Cost`]), and a function that measures its points on one scene. [`KNOBS`] is the table of all;
+//! is bought with ([`Cost`]), and a function that measures its points on one scene. [`knobs`] are all;
 //! a stage adds its own by a row, and gets table, plot, JSON, Pareto front and resume without further ado. Those of the
 //! surface warp are in `surface`; what the points say is in `pareto`, what is written in [`write`].
 //!
@@ -12,6 +12,7 @@
 mod pareto;
 mod settings;
 mod surface;
+mod volume;
 mod write;
 
 pub use write::{table, write_files};
@@ -132,11 +133,18 @@ pub struct Knob {
     pub cost: Cost,
     /// Scenes it can be turned on.
     pub scenes: fn() -> Vec<String>,
+    /// Whether it can be turned on any other scene, by name or file.
+    pub takes_files: bool,
     measure: Measure,
 }
 
 /// All knobs.
-pub const KNOBS: &[Knob] = &[
+pub fn knobs() -> impl Iterator<Item = &'static Knob> {
+    SURFACE.iter().chain(volume::KNOBS.iter())
+}
+
+/// Those of the surface warp.
+static SURFACE: &[Knob] = &[
     surface::knob("solver", "how pictures of children are searched", Cost::Time, |request, scene, progress| {
         surface::measure(request, scene, &settings::solvers(request), progress)
     }),
@@ -179,6 +187,9 @@ pub enum SweepError {
         /// What was asked for.
         found: String,
     },
+    /// A scene that is none, or that has nothing to be swept.
+    #[error("{0}")]
+    Scene(String),
     /// A strip just encoded was refused.
     #[error("decoding a frame just encoded: {0}")]
     Wire(#[from] DecodeError),
@@ -186,7 +197,7 @@ pub enum SweepError {
 
 /// Names of all knobs.
 pub fn names() -> String {
-    KNOBS.iter().map(|knob| knob.name).collect::<Vec<_>>().join(", ")
+    knobs().map(|knob| knob.name).collect::<Vec<_>>().join(", ")
 }
 
 impl Knob {
@@ -196,7 +207,7 @@ impl Knob {
     /// There is none.
     pub fn named(name: &str) -> Result<&'static Knob, SweepError> {
         let unknown = || SweepError::UnknownKnob { found: name.to_owned() };
-        KNOBS.iter().find(|knob| knob.name == name).ok_or_else(unknown)
+        knobs().find(|knob| knob.name == name).ok_or_else(unknown)
     }
 
     /// Turns the knob on one scene, or on all it can be turned on.
@@ -212,7 +223,7 @@ impl Knob {
         let known = (self.scenes)();
         let scenes: Vec<&str> = match scene {
             None => known.iter().map(String::as_str).collect(),
-            Some(scene) if known.iter().any(|known| known == scene) => vec![scene],
+            Some(scene) if self.takes_files || known.iter().any(|known| known == scene) => vec![scene],
             Some(scene) => {
                 let (expected, found) = (known.join(", "), scene.to_owned());
                 return Err(SweepError::UnknownScene { knob: self.name, expected, found });

@@ -20,7 +20,7 @@ use warplight_protocol::{Camera, Pose};
 
 /// A knob that is turned on the analytic scenes.
 pub(super) const fn knob(name: &'static str, about: &'static str, cost: Cost, measure: Measure) -> Knob {
-    Knob { name, about, metric: "deg", cost, scenes, measure }
+    Knob { name, about, metric: "deg", cost, scenes, takes_files: false, measure }
 }
 
 fn scenes() -> Vec<String> {
@@ -148,7 +148,7 @@ fn point(
 }
 
 /// Median and the distance of the quartiles; zero of nothing.
-fn median_and_spread(samples: &[f64]) -> (f64, f64) {
+pub(super) fn median_and_spread(samples: &[f64]) -> (f64, f64) {
     let mut sorted = samples.to_vec();
     sorted.sort_by(f64::total_cmp);
     let at = |fraction: f64| sorted.get((sorted.len() as f64 * fraction) as usize).copied().unwrap_or(0.0);

@@ -108,11 +108,29 @@ fn a_document_has_the_form_of_its_schema() {
 #[test]
 fn unknown_knobs_and_scenes_are_refused_in_one_line_that_lists_the_known_ones() {
     let message = Knob::named("volume").err().unwrap().to_string();
-    assert!(KNOBS.iter().all(|knob| message.contains(knob.name)) && !message.contains('\n'), "{message}");
+    assert!(knobs().all(|knob| message.contains(knob.name)) && !message.contains('\n'), "{message}");
     let trace = Trace::built_in();
     let now = || Duration::ZERO;
     let request = Request { size: ImageSize::new(32, 32), runs: 1, quick: true, trace: &trace, now: &now };
     let refused = Knob::named("steps").unwrap().sweep(&request, Some("moon"), &mut |_, _, _| ()).unwrap_err();
     let message = refused.to_string();
     assert!(message.contains("mirror, chrome-ball, water, glass-ball") && !message.contains('\n'), "{message}");
+}
+
+#[test]
+fn segments_show_a_cloud_better_than_slabs_and_than_one_depth() {
+    let sweep = swept("angle", Some("cloud"), 128);
+    let layers = error_of(&sweep, "layers:4 10 deg");
+    for other in ["slabs:4 10 deg", "mean-depth 10 deg"] {
+        assert!(layers < error_of(&sweep, other), "{other}: {sweep:?}");
+    }
+}
+
+#[test]
+fn fewer_bits_of_a_volume_take_fewer_bytes() {
+    let sweep = swept("volume-compression", Some("cube"), 96);
+    let of = |value: &str| sweep.points.iter().find(|point| point.value == value).unwrap();
+    let [fine, usual, coarse] = ["optimal:4 Half/16/16", "optimal:4 Root8/12/8", "optimal:4 Root8/8/6"].map(of);
+    assert!(coarse.bytes < usual.bytes && usual.bytes < fine.bytes);
+    assert!(usual.error <= coarse.error && fine.error <= usual.error + 1e-3, "{fine:?} {usual:?} {coarse:?}");
 }

@@ -3,8 +3,8 @@
 //! Codes are written as soon as a pixel is known, while its sum is still in the nearest cache: a plane of radiance
 //! between would be written and read once more, 32 bytes per pixel.
 
-use super::lanes::{Floats, Integers};
 use super::tone;
+use crate::lanes::{Floats, Integers};
 use glam::{Vec3, Vec4};
 use rayon::iter::Either;
 use rayon::prelude::*;
@@ -19,8 +19,13 @@ pub(super) enum Canvas<'a> {
         /// Factor on linear radiance.
         exposure: f32,
     },
-    /// Linear radiance, one per pixel.
-    Radiance(&'a mut [Vec3]),
+    /// Linear radiance.
+    Radiance {
+        /// One per pixel.
+        radiance: &'a mut [Vec3],
+        /// Inverse depth of the root in the new view, one per pixel; 0 where that is not known.
+        inverse_depth: &'a mut [f32],
+    },
 }
 
 impl Canvas<'_> {
@@ -31,7 +36,10 @@ impl Canvas<'_> {
                 let exposure = *exposure;
                 Either::Left(codes.par_chunks_mut(pixels).map(move |codes| Canvas::Codes { codes, exposure }))
             }
-            Canvas::Radiance(radiance) => Either::Right(radiance.par_chunks_mut(pixels).map(Canvas::Radiance)),
+            Canvas::Radiance { radiance, inverse_depth } => {
+                let runs = radiance.par_chunks_mut(pixels).zip(inverse_depth.par_chunks_mut(pixels));
+                Either::Right(runs.map(|(radiance, inverse_depth)| Canvas::Radiance { radiance, inverse_depth }))
+            }
         }
     }
 
@@ -46,7 +54,7 @@ impl Canvas<'_> {
                     tone::srgb8_from_linear(linear).store_colors(codes, at);
                 }
             }
-            Canvas::Radiance(radiance) => {
+            Canvas::Radiance { radiance, .. } => {
                 for (pixel, color) in radiance[first..first + colors.len()].iter_mut().zip(colors) {
                     *pixel = color.truncate();
                 }
@@ -63,7 +71,25 @@ impl Canvas<'_> {
                     *code = table.display_from_radiance(*color, *exposure);
                 }
             }
-            Canvas::Radiance(radiance) => radiance[first..first + colors.len()].copy_from_slice(colors),
+            Canvas::Radiance { radiance, .. } => radiance[first..first + colors.len()].copy_from_slice(colors),
+        }
+    }
+
+    /// Notes inverse depths of pixels from `first` on, if anybody asks for them; 0 where they are not `known`.
+    #[inline(always)]
+    pub(super) fn note_depths(&mut self, first: usize, inverse_depths: &[f32], known: &[bool]) {
+        if let Canvas::Radiance { inverse_depth, .. } = self {
+            let noted = &mut inverse_depth[first..first + inverse_depths.len()];
+            for ((noted, &inverse_depth), &known) in noted.iter_mut().zip(inverse_depths).zip(known) {
+                *noted = if known { inverse_depth } else { 0.0 };
+            }
+        }
+    }
+
+    /// Forgets all depths.
+    pub(super) fn clear_depths(&mut self) {
+        if let Canvas::Radiance { inverse_depth, .. } = self {
+            inverse_depth.fill(0.0);
         }
     }
 }

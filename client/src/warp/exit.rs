@@ -10,7 +10,7 @@
 //! [`turned`] takes it to that of the filtered one. Without, it comes from differences of points and normals of the
 //! picture, [`shape_operator`]: dearer, and noisier by twice the error (docs/measurements).
 
-use super::lanes::{Floats, Mask, Vector};
+use crate::lanes::{Floats, Mask, Vector};
 
 /// Newton steps after the plane: the second leaves less than rounding for what the head moves between frames.
 const NEWTON_STEPS: usize = 2;
@@ -105,7 +105,7 @@ pub(super) fn all<M: Mask, const N: usize>(conditions: [M; N]) -> M {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::warp::lanes::Portable;
+    use crate::lanes::Portable;
     use glam::Vec3;
     use warplight_protocol::curvature::{self, ShapeOperator};
 

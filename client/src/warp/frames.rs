@@ -4,8 +4,8 @@
 //! is asked first, then those about it.
 
 use super::faces::copy_face;
-use super::lanes::Level;
 use super::prepared::{Prepared, Rung};
+use crate::lanes::Level;
 use glam::{DVec3, Vec2};
 use warplight_protocol::camera::Projection;
 use warplight_protocol::frame::Tree;

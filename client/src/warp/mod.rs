@@ -15,7 +15,7 @@ mod diffuse;
 mod exit;
 mod faces;
 mod frames;
-mod lanes;
+mod media;
 mod mesh;
 mod optic;
 mod planar;
@@ -28,15 +28,17 @@ mod specular;
 mod texture;
 mod tone;
 
+pub use media::MediaStage;
 pub use prepared::Normals;
 use prepared::Rung;
 pub use specular::{NodeStatistics, Solver, Stage};
 
+use crate::lanes::Level;
+use crate::march::{Marcher, Method};
 use canvas::Canvas;
 use frames::Frames;
-use glam::Vec3;
+use glam::{Vec3, Vec4};
 use image::RgbImage;
-use lanes::Level;
 use pyramid::Pyramid;
 use rayon::prelude::*;
 use source::Source;
@@ -58,22 +60,51 @@ pub enum Mode {
     Diffuse,
     /// The depth as a mesh of triangles: a relief, with reflections and refractions painted on.
     Mesh,
-    /// Every node as what it is: reflections and refractions move as they do in the world.
+    /// Every node as what it is: reflections and refractions move as they do in the world, and the segments of a volume
+    /// are integrated again.
     Specular,
+    /// The same, but of a volume every layer is a picture on a coarse surface: slabs (Müller et al. 1999).
+    Slabs,
+    /// The same, but a volume is one surface at its mean depth (Zellmann et al. 2012).
+    MeanDepth,
 }
 
 impl Mode {
-    /// Every mode, the simplest first.
-    pub const ALL: [Mode; 6] = [Mode::None, Mode::Rotation, Mode::Planar, Mode::Diffuse, Mode::Mesh, Mode::Specular];
+    /// Every mode, the simplest first, those of volumes last.
+    pub const ALL: [Mode; 8] = [
+        Mode::None,
+        Mode::Rotation,
+        Mode::Planar,
+        Mode::Diffuse,
+        Mode::Mesh,
+        Mode::Specular,
+        Mode::Slabs,
+        Mode::MeanDepth,
+    ];
+
+    /// How it shows the layers of a volume, if it does not paint them on.
+    fn of_volumes(self) -> Option<Method> {
+        match self {
+            Mode::Specular => Some(Method::Layers),
+            Mode::Slabs => Some(Method::Slabs),
+            Mode::MeanDepth => Some(Method::MeanDepth),
+            Mode::None | Mode::Rotation | Mode::Planar | Mode::Diffuse | Mode::Mesh => None,
+        }
+    }
+
+    /// Whether a frame tells it from mode `specular`, which it is but for volumes.
+    pub fn is_told_apart_by(self, tree: &Tree) -> bool {
+        !matches!(self, Mode::Slabs | Mode::MeanDepth) || !tree.layers.is_empty()
+    }
 
     /// Whether an unmoved head sees the frame's own picture because every pixel is where it was.
     fn has_depth(self) -> bool {
-        matches!(self, Mode::Diffuse | Mode::Specular)
+        matches!(self, Mode::Diffuse | Mode::Specular | Mode::Slabs | Mode::MeanDepth)
     }
 
     /// Whether it can show such frames: the simplest modes know one plane only.
     pub fn shows(self, projection: Projection) -> bool {
-        projection == Projection::Perspective || matches!(self, Mode::Rotation | Mode::Diffuse | Mode::Specular)
+        projection == Projection::Perspective || !matches!(self, Mode::None | Mode::Planar | Mode::Mesh)
     }
 
     /// Name in reports and on the command line.
@@ -85,6 +116,8 @@ impl Mode {
             Mode::Diffuse => "diffuse",
             Mode::Mesh => "mesh",
             Mode::Specular => "specular",
+            Mode::Slabs => "slabs",
+            Mode::MeanDepth => "mean-depth",
         }
     }
 }
@@ -92,6 +125,8 @@ impl Mode {
 impl std::str::FromStr for Mode {
     type Err = String;
     fn from_str(text: &str) -> Result<Mode, String> {
+        // What it is of volumes.
+        let text = if text == "layers" { Mode::Specular.name() } else { text };
         Mode::ALL.into_iter().find(|mode| mode.name() == text).ok_or_else(|| {
             let names = Mode::ALL.map(Mode::name).join(", ");
             format!("expected one of {names}, found '{text}'")
@@ -128,6 +163,10 @@ pub struct Warper {
     pipeline: Specular,
     pyramid: Pyramid,
     radiance: Vec<Vec3>,
+    inverse_depth: Vec<f32>,
+    marcher: Marcher,
+    surface_m: Vec<f32>,
+    media: Vec<Vec4>,
 }
 
 impl Warper {
@@ -147,8 +186,19 @@ impl Warper {
                 flatten_tree(tree, flat);
                 self.painted.take_in(level, rung, flat, earlier_frames);
             }
-            Mode::Specular => self.layered.take_in(level, rung, tree, earlier_frames),
+            Mode::Specular | Mode::Slabs | Mode::MeanDepth => {
+                self.layered.take_in(level, rung, tree, earlier_frames);
+                if !tree.layers.is_empty() {
+                    self.marcher.prepare(tree);
+                }
+            }
         }
+    }
+
+    /// Chooses the instruction set, from the next frame on; the widest unless told otherwise.
+    pub(crate) fn set_level(&mut self, level: Level) {
+        self.level = level;
+        self.marcher.choose_level(level);
     }
 
     /// Chooses how mode `specular` searches the pictures of children, from the next frame on.
@@ -211,8 +261,13 @@ impl Warper {
         camera: &Camera,
         radiance: &mut Vec<Vec3>,
     ) -> WarpStatistics {
+        let mut inverse_depth = std::mem::take(&mut self.inverse_depth);
         radiance.resize(camera.size.pixels(), Vec3::ZERO);
-        self.paint(mode, tree, display_pose, camera, Canvas::Radiance(radiance))
+        inverse_depth.resize(camera.size.pixels(), 0.0);
+        let canvas = Canvas::Radiance { radiance, inverse_depth: &mut inverse_depth };
+        let statistics = self.paint(mode, tree, display_pose, camera, canvas);
+        self.inverse_depth = inverse_depth;
+        statistics
     }
 
     fn paint(
@@ -231,13 +286,16 @@ impl Warper {
             self.show_unmoved(tree, offset, camera, &mut canvas);
             return WarpStatistics::default();
         }
+        if let Some(method) = mode.of_volumes().filter(|_| !tree.layers.is_empty()) {
+            return self.paint_behind_media(method, tree, display_pose, camera, &mut canvas);
+        }
         let Warper { level, pipeline, pyramid, .. } = self;
         let sources = match mode {
             Mode::None | Mode::Rotation | Mode::Planar | Mode::Mesh => {
                 return self.show_painted(mode, display_pose, camera, &mut canvas);
             }
             Mode::Diffuse => self.painted.seen_from(display_pose, camera),
-            Mode::Specular => self.layered.seen_from(display_pose, camera),
+            Mode::Specular | Mode::Slabs | Mode::MeanDepth => self.layered.seen_from(display_pose, camera),
         };
         let view = View { level: *level, display_pose, camera };
         pipeline.warp(&view, sources.iter(), &mut canvas, pyramid);
@@ -295,7 +353,7 @@ impl Warper {
             Mode::Planar => planar::warp(source, *mean_inverse_depth, display_pose, camera, radiance),
             Mode::Mesh => mesh::warp(source, display_pose, camera, relief, radiance),
             Mode::None => rotation::warp(source, source.pose(), camera, radiance),
-            Mode::Rotation | Mode::Diffuse | Mode::Specular => rotation::warp(source, display_pose, camera, radiance),
+            _ => rotation::warp(source, display_pose, camera, radiance),
         }
         let holes = pyramid.fill(radiance, width);
         canvas.runs(width).zip(radiance.par_chunks(width)).for_each(|(mut canvas, radiance)| {

@@ -5,7 +5,7 @@
 //! once per frame, [`STEPS`] equal steps of the cosine, and interpolated: off by less than 2e-5, a two-hundredth of a
 //! display code.
 
-use super::lanes::{Floats, Integers, Mask, Vector};
+use crate::lanes::{Floats, Integers, Mask, Vector};
 use warplight_protocol::frame::{Arrival, Interfaces};
 use warplight_protocol::optics::Interface;
 
@@ -141,7 +141,7 @@ pub(super) fn leaving<F: Floats>(direction: Vector<F>, normal: Vector<F>, eta: F
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::warp::lanes::{Level, kernel};
+    use crate::lanes::{Level, kernel};
 
     #[inline(always)]
     fn all_weights<F: Floats>(

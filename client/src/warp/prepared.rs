@@ -21,10 +21,10 @@ mod root;
 mod scratch;
 mod smooth;
 
-use super::lanes::{Floats, Level, kernel};
 use super::optic::Optics;
 use super::specular::Solver;
-use super::texture::{Texel, Texture, texel_of};
+use super::texture::{Texture, texel_of};
+use crate::lanes::{Floats, Level, Texel, kernel};
 use glam::Vec3;
 use normals::FromDepth;
 pub use normals::Normals;

@@ -115,7 +115,8 @@ pub(super) fn flow_of(mode: Mode, tree: &Tree, display_pose: &Pose) -> Vec<Optio
         Mode::Diffuse => {
             diffuse::warp(&source, display_pose, &camera(), &mut diffuse::Splat::default(), &mut radiance);
         }
-        Mode::Specular => {
+        // Of surfaces these are mode `specular`.
+        Mode::Specular | Mode::Slabs | Mode::MeanDepth => {
             let mut prepared = Prepared::default();
             prepared.prepare(Level::default(), tree);
             let flows = Specular::default().flows(Level::default(), &prepared, display_pose, &camera());

@@ -6,7 +6,7 @@
 //! times that. What must be exact, the picture of an unmoved head, goes through
 //! [`warplight_protocol::tone::ToneTable`].
 
-use super::lanes::Floats;
+use crate::lanes::Floats;
 use std::sync::LazyLock;
 use warplight_protocol::tone::ToneTable;
 
@@ -37,11 +37,11 @@ pub(super) fn exact() -> &'static ToneTable {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::warp::lanes::{Level, kernel};
+    use crate::lanes::{Level, kernel};
 
     #[inline(always)]
     fn all_codes<F: Floats>(values: &[f32], codes: &mut [u32]) {
-        use crate::warp::lanes::Integers;
+        use crate::lanes::Integers;
         for at in (0..values.len()).step_by(F::LANES) {
             srgb8_from_linear(F::load(values, at)).store(codes, at);
         }

@@ -5,7 +5,7 @@ pub(crate) mod solid;
 
 use glam::{Vec2, Vec3};
 use warplight_protocol::codec::FrameShape;
-use warplight_protocol::frame::{ColorFormat, FrameFormat, Interfaces, NodePlanes, Plan, Tree, UNDEFINED};
+use warplight_protocol::frame::{ColorFormat, FrameFormat, Interfaces, NodePlanes, Plan, Tree, UNDEFINED, VolumeRange};
 use warplight_protocol::optics::{Interface, reflect, refract};
 use warplight_protocol::{Camera, ImageSize, Pose};
 
@@ -31,6 +31,7 @@ pub(crate) fn frame(side: u32, noise: f32, format: FrameFormat, strip_rows: u16)
         plan: Plan::water(),
         interfaces: Interfaces(vec![Interface::Mirror, gold, Interface::Dielectric { eta: 1.5 }]),
         format,
+        volume: VolumeRange::default(),
         strip_rows,
         exposure: 1.0,
     };

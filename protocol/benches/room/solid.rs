@@ -3,7 +3,7 @@
 use glam::{Mat3, Quat, Vec3};
 use warplight_protocol::codec::FrameShape;
 use warplight_protocol::curvature::ShapeOperator;
-use warplight_protocol::frame::{FrameFormat, Interfaces, Plan, Tree};
+use warplight_protocol::frame::{FrameFormat, Interfaces, Plan, Tree, VolumeRange};
 use warplight_protocol::optics::{Interface, refract};
 use warplight_protocol::{Camera, ImageSize, Pose};
 
@@ -25,6 +25,7 @@ pub(crate) fn frame(side: u32, format: FrameFormat, strip_rows: u16) -> (FrameSh
         plan: Plan::solid(),
         interfaces: Interfaces(vec![Interface::Dielectric { eta: 1.5 }, Interface::Dielectric { eta: 1.0 / 1.5 }]),
         format,
+        volume: VolumeRange::default(),
         strip_rows,
         exposure: 1.0,
     };

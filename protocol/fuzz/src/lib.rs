@@ -2,7 +2,9 @@
 
 use arbitrary::{Result, Unstructured};
 use warplight_protocol::codec::{DecodeError, FrameShape, Limits, StripDecoder, StripEncoder};
-use warplight_protocol::frame::{ColorFormat, DepthCoding, FrameFormat, Interfaces, Plan, Tree, UNDEFINED};
+use warplight_protocol::frame::{
+    ColorFormat, DepthCoding, FrameFormat, Interfaces, MAX_LAYERS, Plan, Tree, UNDEFINED, VolumeFormat, VolumeRange,
+};
 use warplight_protocol::optics::Interface;
 use warplight_protocol::camera::{FieldOfView, Projection};
 use warplight_protocol::{Camera, ImageSize, Pose};
@@ -37,10 +39,19 @@ pub fn shape(u: &mut Unstructured<'_>) -> Result<FrameShape> {
         child_depth: *u.choose(&[DepthCoding::Relative, DepthCoding::Unfolded])?,
         normal_bits: u.int_in_range(FrameFormat::NORMAL_BITS)?,
         shape_bits: if u.arbitrary()? { u.int_in_range(FrameFormat::SHAPE_BITS)? } else { 0 },
+        volume: VolumeFormat {
+            layers: if camera.projection == Projection::Cube { 0 } else { u.int_in_range(0..=MAX_LAYERS as u8)? },
+            depth_bits: u.int_in_range(VolumeFormat::DEPTH_BITS)?,
+            optical_depth_bits: u.int_in_range(VolumeFormat::OPTICAL_DEPTH_BITS)?,
+            source: *u.choose(&ColorFormat::ALL)?,
+            ..VolumeFormat::NONE
+        },
     };
+    let far_m = *u.choose(&[1.0, 1e-9, 1e9])?;
+    let volume = VolumeRange { near_m: if u.arbitrary()? { 0.0 } else { 0.99 * far_m }, far_m };
     let strip_rows = u.int_in_range(1..=9)?;
     let exposure = *u.choose(&[1.0, 0.25, 3.0, 1e-12, 1e12])?;
-    Ok(FrameShape { camera, plan, interfaces: Interfaces(interfaces), format, strip_rows, exposure })
+    Ok(FrameShape { camera, plan, interfaces: Interfaces(interfaces), format, volume, strip_rows, exposure })
 }
 
 /// A tree of any floats there are, NaN and infinities too. Where the input ends, its numbers go on by
@@ -72,7 +83,20 @@ pub fn tree(shape: &FrameShape, u: &mut Unstructured<'_>) -> Result<Tree> {
             *value = next(u)? % 8;
         }
     }
+    for value in tree.layers.iter_mut().flat_map(layer_floats) {
+        *value = match next(u)? {
+            0 => f32::from_le_bytes([next(u)?, next(u)?, next(u)?, next(u)?]),
+            1 => f32::INFINITY,
+            2 => f32::NAN,
+            small => f32::from(small - 3) / 128.0,
+        };
+    }
     Ok(tree)
+}
+
+fn layer_floats(layer: &mut warplight_protocol::frame::LayerPlanes) -> impl Iterator<Item = &mut f32> {
+    let depths = layer.front.iter_mut().chain(&mut layer.back).chain(&mut layer.optical_depth);
+    depths.chain(layer.source.iter_mut().flatten())
 }
 
 struct NodeFloats<'a> {
@@ -107,6 +131,7 @@ pub fn decode<'a>(
         planes.interface.fill(255);
         NodeFloats::of(planes).floats.into_iter().for_each(|value| *value = f32::NAN);
     }
+    tree.layers.iter_mut().flat_map(layer_floats).for_each(|value| *value = f32::NAN);
     let mut decoder = StripDecoder::default();
     let mut bands = tree.bands_mut(u32::from(shape.strip_rows));
     let mut decoded = vec![false; bands.len()];
@@ -129,6 +154,15 @@ pub fn decode<'a>(
                 assert!((x * x + y * y + z * z - 1.0).abs() < 1e-4, "normal of node {node}");
             }
             assert!(planes.shape.iter().flat_map(|entry| entry.iter()).all(|entry| entry.is_finite()), "shape of node {node}");
+        }
+        for pixel in 0..rows.layers.first().map_or(0, |layer| layer.front.len()) {
+            let mut last_back = 0.0;
+            for layer in rows.layers.iter().filter(|layer| layer.optical_depth[pixel] != 0.0) {
+                assert!(layer.optical_depth[pixel] > 0.0 && layer.optical_depth[pixel] < 24.1, "optical depth");
+                assert!(layer.front[pixel] >= last_back && layer.back[pixel] > layer.front[pixel], "order of segments");
+                assert!(layer.source.iter().all(|channel| channel[pixel].is_finite() && channel[pixel] >= 0.0), "source");
+                last_back = layer.back[pixel];
+            }
         }
     }
     drop(bands);

@@ -8,6 +8,7 @@ mod curvature;
 mod depth;
 mod error;
 mod interface;
+mod layers;
 mod limits;
 mod mask;
 mod normal;

@@ -3,8 +3,9 @@
 use super::DecodeError;
 use super::samples::{Packing, Predictor};
 use crate::curvature::MAX_CURVATURE_PER_M;
+use crate::frame::Plan;
 
-/// The kinds of planes, by wire code. Codes 16 to 31 are kept for the layers of volumes.
+/// The kinds of planes, by wire code: those of nodes below 16, those of the layers of a volume from there on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 #[repr(u8)]
 pub enum PlaneKind {
@@ -20,20 +21,43 @@ pub enum PlaneKind {
     Normal = 5,
     /// Shape operator of the surface, where there is a boundary; never sent for the root.
     Shape = 6,
+    /// Logarithm of a segment's optical depth; which pixels have the segment.
+    OpticalDepth = 16,
+    /// Where a segment starts and ends.
+    Extent = 17,
+    /// Linear RGB source radiance of a segment.
+    Source = 18,
 }
 
 impl PlaneKind {
     /// Every kind there is.
-    pub const ALL: [PlaneKind; 6] = [
+    pub const ALL: [PlaneKind; 9] = [
         PlaneKind::Validity,
         PlaneKind::Radiance,
         PlaneKind::Depth,
         PlaneKind::Interface,
         PlaneKind::Normal,
         PlaneKind::Shape,
+        PlaneKind::OpticalDepth,
+        PlaneKind::Extent,
+        PlaneKind::Source,
     ];
 
-    /// Name in reports, behind the node's: `root.radiance`.
+    /// The kinds of a layer, in their order.
+    pub(crate) const OF_LAYERS: [PlaneKind; 3] = [PlaneKind::OpticalDepth, PlaneKind::Extent, PlaneKind::Source];
+
+    /// Whether its index names a layer of the volume, not a node of the plan.
+    pub fn is_of_layer(self) -> bool {
+        PlaneKind::OF_LAYERS.contains(&self)
+    }
+
+    /// Name of a plane in reports: `root.radiance`, `volume.0.source`.
+    pub fn name_in(self, plan: &Plan, node: u8) -> String {
+        let of = if self.is_of_layer() { format!("volume.{node}") } else { plan.name(usize::from(node)) };
+        format!("{of}.{}", self.name())
+    }
+
+    /// Name of the kind.
     pub fn name(self) -> &'static str {
         match self {
             PlaneKind::Validity => "validity",
@@ -42,6 +66,9 @@ impl PlaneKind {
             PlaneKind::Interface => "interface",
             PlaneKind::Normal => "normal",
             PlaneKind::Shape => "shape",
+            PlaneKind::OpticalDepth => "optical_depth",
+            PlaneKind::Extent => "extent",
+            PlaneKind::Source => "source",
         }
     }
 
@@ -49,7 +76,12 @@ impl PlaneKind {
     /// mask, which is coded in its own way.
     pub fn coding(self) -> (Predictor, Packing) {
         match self {
-            PlaneKind::Radiance | PlaneKind::Interface | PlaneKind::Validity => (Predictor::Median, Packing::Bytes),
+            PlaneKind::Radiance
+            | PlaneKind::Interface
+            | PlaneKind::Validity
+            | PlaneKind::OpticalDepth
+            | PlaneKind::Extent
+            | PlaneKind::Source => (Predictor::Median, Packing::Bytes),
             PlaneKind::Shape => (Predictor::Median, Packing::Runs),
             PlaneKind::Depth => (Predictor::Gradient, Packing::Bytes),
             PlaneKind::Normal => (Predictor::Gradient, Packing::Runs),
@@ -60,7 +92,7 @@ impl PlaneKind {
 /// Bytes that one plane took in one strip.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PlaneBytes {
-    /// Node of the plan.
+    /// Node of the plan, or layer of the volume.
     pub node: u8,
     /// Kind.
     pub kind: PlaneKind,
@@ -73,7 +105,7 @@ pub struct PlaneBytes {
 pub(crate) struct PlaneHeader {
     pub(crate) node: u8,
     pub(crate) kind: PlaneKind,
-    /// Radiance and shape: the value of the largest code; depth: the nearest; otherwise 0.
+    /// Radiance, source and shape: the value of the largest code; depth: the nearest; otherwise 0.
     pub(crate) scale: f32,
     pub(crate) payload_bytes: u32,
 }
@@ -86,7 +118,7 @@ impl PlaneHeader {
 
     /// The header of a plane whose node knows no pixel of the strip: nothing follows it.
     pub(crate) fn empty(node: u8, kind: PlaneKind) -> PlaneHeader {
-        let scale = if matches!(kind, PlaneKind::Radiance | PlaneKind::Depth) { 1.0 } else { 0.0 };
+        let scale = if matches!(kind, PlaneKind::Radiance | PlaneKind::Depth | PlaneKind::Source) { 1.0 } else { 0.0 };
         PlaneHeader { node, kind, scale, payload_bytes: 0 }
     }
 
@@ -105,12 +137,16 @@ impl PlaneHeader {
         let kind = known.ok_or(DecodeError::Unsupported { field: "kind of plane", found: u32::from(kind) })?;
         let scale = f32::from_le_bytes([s0, s1, s2, s3]);
         let scale_is_possible = match kind {
-            PlaneKind::Radiance | PlaneKind::Depth => scale > 0.0 && scale.is_finite(),
+            PlaneKind::Radiance | PlaneKind::Depth | PlaneKind::Source => scale > 0.0 && scale.is_finite(),
             PlaneKind::Shape => scale.is_sign_positive() && scale <= MAX_CURVATURE_PER_M,
-            PlaneKind::Validity | PlaneKind::Interface | PlaneKind::Normal => scale.to_bits() == 0,
+            PlaneKind::Validity
+            | PlaneKind::Interface
+            | PlaneKind::Normal
+            | PlaneKind::OpticalDepth
+            | PlaneKind::Extent => scale.to_bits() == 0,
         };
         if !scale_is_possible {
-            let expected = "a positive number for radiance and depth, 0 to 1e6 for shape, otherwise 0";
+            let expected = "a positive number for radiance, source and depth, 0 to 1e6 for shape, otherwise 0";
             return Err(DecodeError::Malformed { field: "scale of plane", expected });
         }
         Ok(PlaneHeader { node, kind, scale, payload_bytes: u32::from_le_bytes([b0, b1, b2, b3]) })
@@ -124,7 +160,7 @@ mod tests {
     #[test]
     fn headers_come_back() {
         for kind in PlaneKind::ALL {
-            let scales = [PlaneKind::Radiance, PlaneKind::Depth, PlaneKind::Shape];
+            let scales = [PlaneKind::Radiance, PlaneKind::Depth, PlaneKind::Shape, PlaneKind::Source];
             let scale = if scales.contains(&kind) { 0.5 } else { 0.0 };
             let header = PlaneHeader { node: 3, kind, scale, payload_bytes: 0x0102_0304 };
             assert_eq!(PlaneHeader::from_bytes(&header.to_bytes()), Ok(header));
@@ -133,7 +169,7 @@ mod tests {
 
     #[test]
     fn kinds_of_another_version_are_refused_by_number() {
-        for kind in [0, 7, 16, 31, 255] {
+        for kind in [0, 7, 15, 19, 31, 255] {
             let bytes = [0, kind, 0, 0, 0, 0, 0, 0, 0, 0];
             let found = u32::from(kind);
             assert_eq!(

@@ -101,7 +101,7 @@ fn mask(color: ColorFormat) -> u32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::frame::{Interfaces, Plan, Tree};
+    use crate::frame::{Interfaces, Plan, Tree, VolumeRange};
     use crate::{Camera, ImageSize, Pose};
 
     fn shape(interface: Interface, exposure: f32) -> FrameShape {
@@ -110,6 +110,7 @@ mod tests {
             plan: Plan::water(),
             interfaces: Interfaces(vec![interface]),
             format: Default::default(),
+            volume: VolumeRange::default(),
             strip_rows: 2,
             exposure,
         }

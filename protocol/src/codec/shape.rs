@@ -1,7 +1,8 @@
 //! The shape of a frame: what both ends must know before its first strip, and so what a strip need not say.
 
 use super::{DecodeError, Limits, PlaneKind};
-use crate::frame::{FrameFormat, Interfaces, MAX_INTERFACES, Plan, Tree};
+use crate::camera::Projection;
+use crate::frame::{FrameFormat, Interfaces, MAX_INTERFACES, Plan, Tree, VolumeRange};
 use crate::optics::Interface;
 use crate::{Camera, Pose};
 use serde::{Deserialize, Serialize};
@@ -16,8 +17,10 @@ pub struct FrameShape {
     pub plan: Plan,
     /// Optical boundaries.
     pub interfaces: Interfaces,
-    /// Quantisation.
+    /// Quantisation, and how many layers of volume there are.
     pub format: FrameFormat,
+    /// Where the volume is.
+    pub volume: VolumeRange,
     /// Rows per strip; the last strip may be shorter.
     pub strip_rows: u16,
     /// Factor on radiance before display; 1 / exposure is white.
@@ -65,6 +68,12 @@ impl FrameShape {
                 }
             }
         }
+        for layer in 0..self.format.volume.layers {
+            for kind in PlaneKind::OF_LAYERS {
+                let (channels, bits) = self.channels(usize::from(layer), kind);
+                planes.push((layer, kind, channels * bits));
+            }
+        }
         planes
     }
 
@@ -77,6 +86,9 @@ impl FrameShape {
             PlaneKind::Interface => (1, self.interfaces.bits()),
             PlaneKind::Normal => (2, usize::from(self.format.normal_bits)),
             PlaneKind::Shape => (3, usize::from(self.format.shape_bits)),
+            PlaneKind::OpticalDepth => (1, usize::from(self.format.volume.optical_depth_bits)),
+            PlaneKind::Extent => (2, usize::from(self.format.volume.depth_bits)),
+            PlaneKind::Source => (3, self.format.volume.source.bits()),
         }
     }
 
@@ -96,6 +108,7 @@ impl FrameShape {
     pub fn fit(&self, tree: &mut Tree, render_pose: Pose) {
         let has_shape_operators = self.format.shape_bits > 0;
         tree.reset_with(render_pose, self.camera, &self.plan, &self.interfaces, has_shape_operators);
+        tree.set_layers(usize::from(self.format.volume.layers));
     }
 
     pub(crate) fn depth_bits(&self, node: usize) -> u8 {
@@ -109,7 +122,16 @@ impl FrameShape {
             return malformed("camera", "a size of 1 to 8192 pixels and a frustum that is not empty, or six of a cube");
         }
         if !self.format.is_valid() {
-            return malformed("format", "depth of 8 to 24 bits, normals of 6 to 16, shapes of 0 or 6 to 12");
+            return malformed(
+                "format",
+                "depth of 8 to 24 bits, normals of 6 to 16, shapes of 0 or 6 to 12; 0 to 8 layers with depths of 8 to 16 bits and optical depths of 6 to 16",
+            );
+        }
+        if self.format.volume.layers > 0 && !self.volume.is_valid() {
+            return malformed("volume", "a nearest depth of at least 0 and a farthest beyond it, at most 1e9 m");
+        }
+        if self.format.volume.layers > 0 && self.camera.projection != Projection::Perspective {
+            return malformed("layers", "none in a cube");
         }
         if self.strip_rows == 0 {
             return malformed("strip_rows", "at least 1");
@@ -133,8 +155,11 @@ impl FrameShape {
             let shape_bytes = if self.has_shape_operators(node) { 12 } else { 0 };
             shape_bytes + if self.plan.has_children(node) { 29 } else { 16 }
         };
-        let tree_bytes = self.camera.size.pixels() * (0..self.plan.nodes().len()).map(node_bytes).sum::<usize>();
-        tree_bytes + self.rows_of(0).len() * self.camera.size.width as usize * Self::SCRATCH_BYTES
+        let layer_bytes = 24 * usize::from(self.format.volume.layers);
+        let pixel_bytes = (0..self.plan.nodes().len()).map(node_bytes).sum::<usize>() + layer_bytes;
+        // Decoding layers takes the code of the last back, too.
+        let scratch = Self::SCRATCH_BYTES + if layer_bytes > 0 { 4 } else { 0 };
+        self.camera.size.pixels() * pixel_bytes + self.rows_of(0).len() * self.camera.size.width as usize * scratch
     }
 }
 
@@ -149,6 +174,7 @@ mod tests {
             plan: Plan::solid(),
             interfaces: Interfaces(vec![Interface::Mirror; 5]),
             format: FrameFormat::default(),
+            volume: VolumeRange::default(),
             strip_rows: 4,
             exposure: 1.0,
         }

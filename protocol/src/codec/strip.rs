@@ -6,10 +6,11 @@
 
 use super::curvature::ShapePlane;
 use super::depth::DepthPlane;
+use super::layers::LayersPlane;
 use super::plane::PlaneHeader;
 use super::{DecodeError, FrameShape, PlaneBytes, PlaneKind};
 use super::{interface, mask, normal, radiance, samples};
-use crate::frame::{NodeRows, TreeRows, UNDEFINED};
+use crate::frame::{LayerRows, NodeRows, TreeRows, UNDEFINED};
 use std::ops::Range;
 
 /// What stands before the planes: first row, rows, number of planes.
@@ -48,6 +49,7 @@ pub struct StripEncoder {
     has_interface: Vec<bool>,
     depth: DepthPlane,
     shape: ShapePlane,
+    layers: LayersPlane,
     compressor: zstd::bulk::Compressor<'static>,
 }
 
@@ -78,6 +80,7 @@ impl StripEncoder {
             has_interface: Vec::new(),
             depth: DepthPlane::default(),
             shape: ShapePlane::default(),
+            layers: LayersPlane::default(),
             // Fails only where no memory is left for the context.
             compressor: zstd::bulk::Compressor::new(level).unwrap_or_default(),
         }
@@ -90,8 +93,17 @@ impl StripEncoder {
         out.extend_from_slice(&StripHeader { rows: rows.rows.clone(), planes: planes.len() }.to_bytes());
         self.depth.begin(&shape.camera, rows.rows.clone());
         let mut sizes = Vec::with_capacity(planes.len());
+        if !rows.layers.is_empty() {
+            self.layers.quantise(shape, rows);
+        }
         let mut current = None;
         for (node, kind, _) in planes {
+            if kind.is_of_layer() {
+                let start = out.len();
+                self.encode_layer(shape, node, kind, out);
+                sizes.push(PlaneBytes { node, kind, bytes: out.len() - start });
+                continue;
+            }
             if current.replace(node) != Some(node) {
                 self.find_defined(&rows.nodes[usize::from(node)]);
             }
@@ -143,6 +155,8 @@ impl StripEncoder {
                 scale = self.shape.quantise(&shape.format, width, planes, &self.has_interface, &mut self.codes);
                 defined = Some(self.shape.counts());
             }
+            // Coded by themselves.
+            PlaneKind::OpticalDepth | PlaneKind::Extent | PlaneKind::Source => return,
         }
 
         // Predict and pack.
@@ -158,13 +172,31 @@ impl StripEncoder {
                 packed = samples::pack(&self.residuals, bits, packing, packed);
             }
         }
-
-        // Compress. The buffer has room for the worst case, so that this cannot fail.
-        self.compressed.clear();
-        self.compressed.reserve(zstd::zstd_safe::compress_bound(packed.len()));
-        let written = self.compressor.compress_to_buffer(&packed, &mut self.compressed).unwrap_or(0);
         self.packed = packed;
+        self.compress(node, kind, scale, out);
+    }
 
+    fn encode_layer(&mut self, shape: &FrameShape, layer: u8, kind: PlaneKind, out: &mut Vec<u8>) {
+        let width = shape.camera.size.width as usize;
+        let (_, bits) = shape.channels(usize::from(layer), kind);
+        let (predictor, packing) = kind.coding();
+        let (channels, defined, scale) = self.layers.channels(usize::from(layer), kind);
+        let mut packed = std::mem::take(&mut self.packed);
+        packed.clear();
+        for codes in channels {
+            samples::predict(codes, width, bits, predictor, defined, &mut self.residuals);
+            packed = samples::pack(&self.residuals, bits, packing, packed);
+        }
+        self.packed = packed;
+        self.compress(layer, kind, scale, out);
+    }
+
+    /// Appends the plane whose samples are packed, behind its header.
+    fn compress(&mut self, node: u8, kind: PlaneKind, scale: f32, out: &mut Vec<u8>) {
+        // The buffer has room for the worst case, so that this cannot fail.
+        self.compressed.clear();
+        self.compressed.reserve(zstd::zstd_safe::compress_bound(self.packed.len()));
+        let written = self.compressor.compress_to_buffer(&self.packed, &mut self.compressed).unwrap_or(0);
         let header = PlaneHeader { node, kind, scale, payload_bytes: written as u32 };
         out.extend_from_slice(&header.to_bytes());
         out.extend_from_slice(&self.compressed);
@@ -180,6 +212,7 @@ pub struct StripDecoder {
     radiance: radiance::Dequantiser,
     depth: DepthPlane,
     shape: ShapePlane,
+    layers: LayersPlane,
     decompressor: zstd::bulk::Decompressor<'static>,
 }
 
@@ -227,6 +260,7 @@ impl StripDecoder {
             clear_interfaces(rows);
         }
         self.depth.begin(&shape.camera, rows.rows.clone());
+        self.layers.begin(rows.rows.len() * shape.camera.size.width as usize);
         let mut sizes = Vec::with_capacity(planes.len());
         for (node, kind, _) in planes {
             let (header, behind) = rest.split_first_chunk().ok_or(DecodeError::Truncated { field: "plane header" })?;
@@ -256,7 +290,7 @@ impl StripDecoder {
     ) -> Result<(), DecodeError> {
         let node = usize::from(header.node);
         let width = shape.camera.size.width as usize;
-        let pixels = rows.nodes[node].distance.len();
+        let pixels = rows.rows.len() * width;
         let (channels, bits) = shape.channels(node, header.kind);
 
         // Decompress, unpack and undo the prediction.
@@ -266,7 +300,7 @@ impl StripDecoder {
             return mask::unpack(&self.packed, width, pixels, &mut self.defined)
                 .ok_or(DecodeError::Malformed { field: "validity", expected });
         }
-        if node > 0 && !self.defined.contains(&true) {
+        if !header.kind.is_of_layer() && node > 0 && !self.defined.contains(&true) {
             return write_nothing(header, &mut rows.nodes[node]);
         }
         let (predictor, packing) = header.kind.coding();
@@ -288,6 +322,10 @@ impl StripDecoder {
         }
 
         // Undo the quantisation.
+        if header.kind.is_of_layer() {
+            let planes = &mut rows.layers[node];
+            return self.layers.dequantise(shape, header.kind, header.scale, &self.codes, planes);
+        }
         let defined = (node > 0).then_some(&self.defined[..]);
         let planes = &mut rows.nodes[node];
         match header.kind {
@@ -303,6 +341,7 @@ impl StripDecoder {
             }
             PlaneKind::Normal => normal::dequantise_plane(shape.format.normal_bits, &self.codes, planes),
             PlaneKind::Shape => self.shape.dequantise(shape.format.shape_bits, header.scale, &self.codes, planes),
+            PlaneKind::OpticalDepth | PlaneKind::Extent | PlaneKind::Source => {}
         }
         Ok(())
     }
@@ -326,7 +365,13 @@ impl StripDecoder {
 /// Whether rows are of a tree of the shape, so that none of their slices is too short.
 fn have_shape(rows: &TreeRows<'_>, shape: &FrameShape) -> bool {
     let pixels = rows.rows.len() * shape.camera.size.width as usize;
+    let layers_fit = |layer: &LayerRows<'_>| {
+        let [red, green, blue] = &layer.source;
+        [&layer.front, &layer.back, &layer.optical_depth, red, green, blue].iter().all(|plane| plane.len() == pixels)
+    };
     rows.nodes.len() == shape.plan.nodes().len()
+        && rows.layers.len() == usize::from(shape.format.volume.layers)
+        && rows.layers.iter().all(layers_fit)
         && rows.nodes.iter().enumerate().all(|(node, planes)| {
             let inner = if shape.plan.has_children(node) { pixels } else { 0 };
             planes.distance.len() == pixels
@@ -353,6 +398,7 @@ fn write_nothing(header: &PlaneHeader, planes: &mut NodeRows<'_>) -> Result<(), 
         PlaneKind::Interface => planes.interface.fill(0),
         PlaneKind::Normal => clear_normal(planes),
         PlaneKind::Shape => clear_shape(planes),
+        PlaneKind::OpticalDepth | PlaneKind::Extent | PlaneKind::Source => {}
     }
     Ok(())
 }

@@ -7,12 +7,14 @@
 
 mod flatten;
 mod format;
+mod layers;
 mod plan;
 mod thesis;
 mod tree;
 
 pub use flatten::flatten;
-pub use format::{ColorFormat, DepthCoding, FrameFormat};
+pub use format::{ColorFormat, DepthCoding, FrameFormat, Layering, VolumeFormat};
+pub use layers::{LayerPlanes, LayerRows, MAX_LAYERS, VolumeRange, VolumeSegment};
 pub use plan::{Arrival, MAX_NODES, Node, Plan, PlanError};
 pub use thesis::{ThesisError, decode_thesis, encode_thesis, thesis_bits};
 pub use tree::{Interfaces, MAX_INTERFACES, NodePlanes, NodeRows, Tree, TreeRows, UNDEFINED};

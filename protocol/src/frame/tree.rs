@@ -4,6 +4,7 @@
 //! strips into another of the same shape, whose values are the quantised ones.
 
 use super::Plan;
+use super::layers::{self, LayerPlanes, LayerRows, MAX_LAYERS};
 use crate::curvature::ShapeOperator;
 use crate::optics::Interface;
 use crate::{Camera, Pose};
@@ -122,22 +123,31 @@ pub struct Tree {
     pub interfaces: Interfaces,
     /// Planes, one set per node of the plan.
     pub nodes: Vec<NodePlanes>,
+    /// The volume before the root's surface, one set of planes per segment of a pixel; empty where there is none.
+    pub layers: Vec<LayerPlanes>,
 }
 
 impl Tree {
-    /// An empty tree of this shape: every pixel undefined.
+    /// An empty tree of this shape, without layers: every pixel undefined.
     pub fn new(render_pose: Pose, camera: Camera, plan: Plan, interfaces: Interfaces) -> Tree {
-        let mut tree = Tree { render_pose, camera, plan, interfaces, nodes: Vec::new() };
+        let mut tree = Tree { render_pose, camera, plan, interfaces, nodes: Vec::new(), layers: Vec::new() };
         tree.allocate(true);
         tree
     }
 
-    /// Takes on a new shape, reusing the memory; the contents are left as they fall.
+    /// Takes on a new shape, reusing the memory; the contents are left as they fall, and as many layers as there were.
     pub fn reset(&mut self, render_pose: Pose, camera: Camera, plan: &Plan, interfaces: &Interfaces) {
         self.reset_with(render_pose, camera, plan, interfaces, true);
     }
 
-    /// The same, with shape operators or without.
+    /// Gives the tree so many layers, at most [`MAX_LAYERS`]; their contents are left as they fall.
+    pub fn set_layers(&mut self, count: usize) {
+        self.layers.resize_with(count.min(MAX_LAYERS), LayerPlanes::default);
+        let pixels = self.camera.size.pixels();
+        self.layers.iter_mut().for_each(|layer| layer.resize(pixels));
+    }
+
+    /// The same as [`Tree::reset`], with shape operators or without.
     pub(crate) fn reset_with(
         &mut self,
         render_pose: Pose,
@@ -160,6 +170,7 @@ impl Tree {
             let has_children = self.plan.has_children(index);
             planes.resize(pixels, has_children, has_shapes && has_children && index > 0);
         }
+        self.layers.iter_mut().for_each(|layer| layer.resize(pixels));
     }
 }
 
@@ -186,6 +197,8 @@ pub struct TreeRows<'a> {
     pub rows: Range<u32>,
     /// The nodes, in the order of the plan.
     pub nodes: Vec<NodeRows<'a>>,
+    /// The layers, from the eye on.
+    pub layers: Vec<LayerRows<'a>>,
 }
 
 impl Tree {
@@ -200,6 +213,7 @@ impl Tree {
             .map(|start| TreeRows {
                 rows: start..(start + rows_per_band).min(height),
                 nodes: Vec::with_capacity(self.nodes.len()),
+                layers: Vec::with_capacity(self.layers.len()),
             })
             .collect();
         for planes in &mut self.nodes {
@@ -219,6 +233,11 @@ impl Tree {
                     normal: normal.each_mut().map(|chunks| chunks.next().unwrap_or_default()),
                     shape: shape.each_mut().map(|chunks| chunks.next().unwrap_or_default()),
                 });
+            }
+        }
+        for layer in &mut self.layers {
+            for (band, rows) in bands.iter_mut().zip(layers::bands(layer, band_pixels)) {
+                band.layers.push(rows);
             }
         }
         bands

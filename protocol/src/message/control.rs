@@ -101,7 +101,7 @@ impl Hello {
         if !self.format.is_valid() {
             return Err(DecodeError::Malformed {
                 field: "format",
-                expected: "depth of 8 to 24 bits and normals of 6 to 16",
+                expected: "depth of 8 to 24 bits and normals of 6 to 16; 0 to 8 layers with depths of 8 to 16 bits",
             });
         }
         Ok(())

@@ -4,7 +4,9 @@
 
 use glam::{DQuat, DVec3, Vec3};
 use warplight_protocol::codec::{FrameShape, StripEncoder};
-use warplight_protocol::frame::{DepthCoding, FrameFormat, FrameId, Interfaces, Plan, Tree, UNDEFINED};
+use warplight_protocol::frame::{
+    DepthCoding, FrameFormat, FrameId, Interfaces, Plan, Tree, UNDEFINED, VolumeFormat, VolumeRange, VolumeSegment,
+};
 use warplight_protocol::message::{
     Capabilities, ErrorCode, FrameAck, FrameBegin, FrameEnd, FramePurpose, Hello, Message, PoseSample, Statistics,
     StillRequest, StripMessage, Viewport, Welcome,
@@ -36,7 +38,8 @@ pub(crate) fn shape() -> FrameShape {
             Interface::Dielectric { eta: 1.5 },
             Interface::Pane { eta: 1.5 },
         ]),
-        format: FrameFormat::default(),
+        format: FrameFormat { volume: VolumeFormat { layers: 1, ..VolumeFormat::NONE }, ..FrameFormat::default() },
+        volume: VolumeRange { near_m: 0.5, far_m: 2.0 },
         strip_rows: 2,
         exposure: 0.5,
     }
@@ -60,6 +63,13 @@ pub(crate) fn tree() -> Tree {
         } else {
             tree.nodes[1].distance[pixel] = UNDEFINED;
         }
+    }
+    // Fog before the left half.
+    tree.set_layers(1);
+    let fog = VolumeSegment { front_m: 0.5, back_m: 1.5, optical_depth: 0.25, source: Vec3::new(0.5, 0.5, 0.25) };
+    let layer = &mut tree.bands_mut(3)[0].layers[0];
+    for pixel in 0..12 {
+        layer.set(pixel, (pixel % 4 < 2).then_some(&fog));
     }
     tree
 }

@@ -10,28 +10,11 @@
 //! n = A + B / lambda^2, through the index at 587.6 nm and the Abbe number (Born and Wolf, 2.3), at the lines
 //! C, d and F: one wavelength stands for all of a colour.
 
-use super::Channel;
 use super::roughness::{may_be_narrow, may_be_narrow_scalar};
+use super::{Channel, Enclosure};
 use crate::scene::{Standard, Surface};
 use glam::Vec3;
 use warplight_protocol::optics::{self, Interface};
-
-/// The transparent medium a ray runs through: its absorption per metre.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Medium {
-    pub(super) absorption: Vec3,
-}
-
-impl Medium {
-    /// Nothing in the way.
-    pub(crate) const AIR: Medium = Medium { absorption: Vec3::ZERO };
-
-    /// What is left of radiance after `distance_m`, which may be infinite (Beer-Lambert).
-    pub(crate) fn transmittance(&self, distance_m: f32) -> Vec3 {
-        let along = |absorption: f32| if absorption > 0.0 { (-absorption * distance_m).exp() } else { 1.0 };
-        if self.absorption == Vec3::ZERO { Vec3::ONE } else { Vec3::from(self.absorption.to_array().map(along)) }
-    }
-}
 
 /// The refracted ray of a boundary.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -40,9 +23,17 @@ pub(crate) struct Refracted {
     /// Factor on the radiance that arrives by it, without Fresnel: filter and 1/eta^2.
     pub(crate) factor: Vec3,
     /// The medium it runs through.
-    pub(crate) medium: Medium,
+    pub(crate) medium: Enclosure,
     /// The index beyond over the index before; 1 behind a pane.
     pub(crate) eta: f32,
+}
+
+impl Refracted {
+    /// Whether it goes straight on into a medium other than the one that it comes through: the boundary is a pane
+    /// between media, which shadow rays pass, too.
+    pub(crate) fn passes(&self, before: Enclosure) -> bool {
+        self.eta == 1.0 && self.medium != before
+    }
 }
 
 /// A specular surface met by a ray.
@@ -71,7 +62,7 @@ impl Boundary {
         normal: Vec3,
         direction: Vec3,
         reflected_factor: Vec3,
-        through: Option<(Vec3, Medium)>,
+        through: Option<(Vec3, Enclosure)>,
     ) -> Boundary {
         let eta = if let Interface::Dielectric { eta } = interface { eta } else { 1.0 };
         let refracted = through.and_then(|(factor, medium)| {
@@ -93,7 +84,7 @@ impl Boundary {
 /// `None` if it is so nowhere. Colours that are refracted differently show that of the middle.
 pub(crate) fn interface_of(surface: &Surface, from_outside: bool) -> Option<Interface> {
     match surface {
-        Surface::Diffuse { .. } => None,
+        Surface::Diffuse { .. } | Surface::Null => None,
         Surface::Mirror { .. } => Some(Interface::Mirror),
         Surface::Conductor { eta, k, finish, .. } => may_be_narrow(finish).then(|| conductor(*eta, *k)),
         Surface::Dielectric { ior, finish, .. } => {
@@ -105,7 +96,6 @@ pub(crate) fn interface_of(surface: &Surface, from_outside: bool) -> Option<Inte
                 standard.coat.is_some_and(|coat| coat.strength.most() > 0.0 && may_be_narrow_scalar(&coat.alpha));
             (coated || may_be_narrow(&standard.finish)).then(|| interface_of_standard(standard))
         }
-        Surface::Null => Some(Interface::Pane { eta: 1.0 }),
     }
 }
 
@@ -179,15 +169,6 @@ pub(super) fn usable_normal(direction: Vec3, shading: Vec3, geometric: Vec3, int
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn an_absorbing_medium_lets_nothing_through_from_infinity() {
-        let medium = Medium { absorption: Vec3::new(0.0, 1.0, 1e-3) };
-        assert_eq!(medium.transmittance(f32::INFINITY), Vec3::X);
-        assert_eq!(medium.transmittance(0.0), Vec3::ONE);
-        assert_eq!(Medium::AIR.transmittance(f32::INFINITY), Vec3::ONE);
-        assert!((medium.transmittance(2.0).y - (-2.0_f32).exp()).abs() < 1e-7);
-    }
 
     #[test]
     fn a_shading_normal_that_sends_light_through_the_surface_is_not_used() {

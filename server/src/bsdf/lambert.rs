@@ -4,7 +4,7 @@
 //! whole [`super::Bsdf`].
 
 use super::lobes::{Evaluated, Scatters};
-use super::{LobeSample, Medium};
+use super::{Enclosure, LobeSample};
 use crate::accel::SurfacePoint;
 use crate::scene::{Scene, Surface};
 use glam::{Vec2, Vec3};
@@ -36,19 +36,19 @@ pub(crate) struct Lambert {
     /// On the side that the ray met.
     normal: Vec3,
     geometric_normal: Vec3,
-    medium: Medium,
+    medium: Enclosure,
 }
 
 impl Lambert {
     /// At a point that a ray in `direction` through `medium` has met.
-    pub(crate) fn new(point: &SurfacePoint, direction: Vec3, medium: Medium, albedo: Vec3) -> Lambert {
+    pub(crate) fn new(point: &SurfacePoint, direction: Vec3, medium: Enclosure, albedo: Vec3) -> Lambert {
         let side = if direction.dot(point.geometric_normal) < 0.0 { 1.0 } else { -1.0 };
         let (normal, geometric_normal) = (side * point.shading_normal, side * point.geometric_normal);
         Lambert { albedo, normal, geometric_normal, medium }
     }
 
     /// The surface at `point`, if that is all it is.
-    pub(crate) fn at(scene: &Scene, point: &SurfacePoint, direction: Vec3, medium: Medium) -> Option<Lambert> {
+    pub(crate) fn at(scene: &Scene, point: &SurfacePoint, direction: Vec3, medium: Enclosure) -> Option<Lambert> {
         let material = &scene.materials[point.material as usize];
         let Surface::Diffuse { albedo } = &material.surface else { return None };
         let is_seen = !material.one_sided || direction.dot(point.geometric_normal) < 0.0;
@@ -79,7 +79,7 @@ impl Scatters for Lambert {
         false
     }
 
-    fn medium_towards(&self, _towards: Vec3) -> Medium {
+    fn medium_towards(&self, _towards: Vec3) -> Enclosure {
         self.medium
     }
 }

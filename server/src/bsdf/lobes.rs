@@ -1,6 +1,6 @@
 //! What counts of a surface, and what a direction is worth to it.
 
-use super::{Bsdf, LobeSample, Medium};
+use super::{Bsdf, Enclosure, LobeSample};
 use glam::{Vec2, Vec3};
 
 /// Which lobes count.
@@ -62,7 +62,7 @@ pub(crate) trait Scatters {
     /// Whether facets scatter, and `choice` is made use of.
     fn is_glossy(&self) -> bool;
     /// The medium that light from `towards` runs through, on its way to this surface.
-    fn medium_towards(&self, towards: Vec3) -> Medium;
+    fn medium_towards(&self, towards: Vec3) -> Enclosure;
 }
 
 /// Some of the lobes of a surface.
@@ -85,7 +85,7 @@ impl Scatters for LobesOf<'_> {
         self.bsdf.has(Lobes { diffuse: false, ..self.lobes })
     }
 
-    fn medium_towards(&self, towards: Vec3) -> Medium {
+    fn medium_towards(&self, towards: Vec3) -> Enclosure {
         self.bsdf.medium_towards(towards)
     }
 }

@@ -19,6 +19,7 @@
 mod boundary;
 mod conductor;
 mod dielectric;
+mod enclosure;
 mod energy;
 mod erf;
 mod gloss;
@@ -32,19 +33,19 @@ mod tests;
 mod thin;
 mod transmission;
 
-pub(crate) use boundary::{Boundary, Medium, interface_of};
+pub(crate) use boundary::{Boundary, interface_of};
+pub(crate) use enclosure::{Enclosure, MAX_MEDIA};
 pub(crate) use gloss::Gloss;
 #[cfg(test)]
 pub(crate) use lambert::pdf_cosine;
 pub(crate) use lambert::{Lambert, sample_cosine, tangents};
-pub(crate) use lobes::{Lobes, LobesOf, Scatters};
+pub(crate) use lobes::{Evaluated, Lobes, LobesOf, Scatters};
 
 use crate::accel::SurfacePoint;
 use crate::scene::{Distribution, Finish, Scene, Surface};
 use conductor::RoughConductor;
 use dielectric::RoughDielectric;
 use glam::{Vec2, Vec3};
-use lobes::Evaluated;
 use microfacet::Facets;
 use roughness::{facets_at, is_narrow};
 use standard::Layers;
@@ -74,9 +75,9 @@ pub(crate) struct Bsdf {
     /// The frame of the facets, and in it the direction that the surface is seen from.
     frame: Frame,
     wo: Vec3,
-    medium: Medium,
+    medium: Enclosure,
     /// Behind the surface.
-    beyond: Medium,
+    beyond: Enclosure,
     /// Squared relative index behind the surface.
     eta2: f32,
 }
@@ -131,7 +132,7 @@ pub(crate) struct LobeSample {
     /// Over solid angle, among the lobes that count.
     pub(crate) pdf: f32,
     /// The medium it runs through.
-    pub(crate) medium: Medium,
+    pub(crate) medium: Enclosure,
     /// Squared relative index of the medium entered; 1 on the same side.
     pub(crate) eta2: f32,
 }
@@ -171,7 +172,7 @@ impl Bsdf {
         scene: &Scene,
         point: &SurfacePoint,
         direction: Vec3,
-        medium: Medium,
+        medium: Enclosure,
         channel: Option<Channel>,
     ) -> Bsdf {
         let material = &scene.materials[point.material as usize];
@@ -189,7 +190,8 @@ impl Bsdf {
             }
             Surface::Null => {
                 let interface = Interface::Pane { eta: 1.0 };
-                let through = Some((Vec3::ONE, medium));
+                bsdf.beyond = medium.across(material, from_outside);
+                let through = Some((Vec3::ONE, bsdf.beyond));
                 bsdf.boundary = Some(Boundary::new(interface, bsdf.geometric_normal, direction, Vec3::ONE, through));
             }
             Surface::Conductor { eta, k, filter, finish } => {
@@ -206,7 +208,8 @@ impl Bsdf {
                 let interface = boundary::dielectric(*ior, *dispersion, from_outside, channel);
                 let Interface::Dielectric { eta } = interface else { return bsdf };
                 let filter = filter.at(textures, point.uv);
-                bsdf.beyond = if from_outside { Medium { absorption: *absorption } } else { Medium::AIR };
+                bsdf.beyond =
+                    if from_outside { medium.within(material, *absorption) } else { medium.without(material) };
                 bsdf.eta2 = eta * eta;
                 let (facets, axis) = facets_at(scene, finish, point);
                 let facets = facets.filter(|facets| dielectric::is_rough(facets, *ior));
@@ -225,7 +228,8 @@ impl Bsdf {
                 if let Some(facets) = facets {
                     bsdf.glossy = Glossy::Pane(RoughPane::new(finish, facets, *ior, filter, mu));
                 }
-                let through = Some((filter, medium));
+                bsdf.beyond = medium.across(material, from_outside);
+                let through = Some((filter, bsdf.beyond));
                 bsdf.set_boundary(facets, |normal| Boundary::new(interface, normal, direction, Vec3::ONE, through));
             }
             Surface::Standard(standard) => {
@@ -236,8 +240,10 @@ impl Bsdf {
                 bsdf.diffuse = layers.diffuse();
                 let sharp = layers.sharp();
                 bsdf.is_sharp = sharp.is_some();
+                bsdf.beyond = medium.across(material, from_outside);
+                let beyond = bsdf.beyond;
                 bsdf.boundary = sharp.or_else(|| layers.nearly_sharp()).map(|(reflected, through)| {
-                    layers_as_boundary(interface, bsdf.frame.z, direction, reflected, through, medium)
+                    layers_as_boundary(interface, bsdf.frame.z, direction, reflected, through, beyond)
                 });
                 bsdf.glossy = Glossy::Standard(layers);
             }
@@ -266,7 +272,7 @@ impl Bsdf {
     }
 
     /// Nothing but its normals.
-    fn black(point: &SurfacePoint, direction: Vec3, medium: Medium) -> Bsdf {
+    fn black(point: &SurfacePoint, direction: Vec3, medium: Enclosure) -> Bsdf {
         let side = if direction.dot(point.geometric_normal) < 0.0 { 1.0 } else { -1.0 };
         Bsdf {
             glossy: Glossy::None,
@@ -405,7 +411,7 @@ impl Bsdf {
     }
 
     /// The medium that light from `towards` runs through, on its way to this surface.
-    pub(crate) fn medium_towards(&self, towards: Vec3) -> Medium {
+    pub(crate) fn medium_towards(&self, towards: Vec3) -> Enclosure {
         if towards.dot(self.geometric_normal) < 0.0 { self.beyond } else { self.medium }
     }
 }
@@ -417,7 +423,7 @@ fn layers_as_boundary(
     direction: Vec3,
     reflected: Vec3,
     through: Vec3,
-    medium: Medium,
+    medium: Enclosure,
 ) -> Boundary {
     /// A ray so grazing that a pane lets less than this through sees a little less than there is.
     const LEAST: f32 = 1e-4;

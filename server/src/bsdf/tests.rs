@@ -5,7 +5,7 @@ mod energy;
 mod sampling;
 mod special;
 
-use super::{Bsdf, Channel, Lobes, Medium};
+use super::{Bsdf, Channel, Enclosure, Lobes};
 use crate::accel::SurfacePoint;
 use crate::integrator::sampler::Sampler;
 use crate::scene::{Coat, Color, Distribution, Finish, Material, Scalar, Scene, Standard, Surface};
@@ -40,7 +40,7 @@ impl Probe {
     }
 
     fn through(&self, towards_eye: Vec3, channel: Option<Channel>) -> Bsdf {
-        Bsdf::at(&self.scene, &self.point, -towards_eye, Medium::AIR, channel)
+        Bsdf::at(&self.scene, &self.point, -towards_eye, Enclosure::AIR, channel)
     }
 }
 

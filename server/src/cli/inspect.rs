@@ -8,14 +8,15 @@
 use super::{Failure, load_scene, print};
 use crate::counters::{Counters, RayCounts};
 use crate::effects::{Effects, plan_of, without};
-use crate::frame::{BAND_ROWS, FrameRenderer, FrameRequest};
+use crate::frame::{BAND_ROWS, FrameRenderer, FrameRequest, LayersRequest};
+use crate::march::MediaBounds;
 use clap::Args;
 use serde::Serialize;
 use std::fmt::Write;
 use std::sync::Arc;
 use std::time::Instant;
 use warplight_protocol::codec::FrameShape;
-use warplight_protocol::frame::{FrameFormat, Interfaces, Plan, Tree};
+use warplight_protocol::frame::{FrameFormat, Interfaces, Plan, Tree, VolumeFormat, VolumeRange};
 use warplight_protocol::{Camera, ImageSize, Pose};
 
 /// The frame that figures are given for, at one sample per pixel and node.
@@ -126,7 +127,8 @@ pub(super) fn run(args: &InspectArgs) -> Result<(), Failure> {
         ms: whole.ms,
     };
     let camera = Camera::symmetric(vertical_fov_rad, NOMINAL);
-    let plan = plan_report(plan, renderer.interfaces().clone(), camera, exposure);
+    let has_media = !MediaBounds::of(&scene).is_empty();
+    let plan = plan_report(plan, renderer.interfaces().clone(), camera, exposure, has_media);
     let report = Report { schema: 1, scene: args.scene.clone(), frame, effects, plan, warnings };
     print(&if args.json { serde_json::to_string(&report).map_err(Failure::runtime)? } else { in_words(&report) })
 }
@@ -153,8 +155,20 @@ struct Figures {
 
 impl Probe<'_> {
     fn new<'a>(renderer: &'a FrameRenderer, plan: &Plan, camera: Camera, pose: Pose) -> Probe<'a> {
-        let request =
-            FrameRequest { render_pose: pose, camera, plan: plan.clone(), spp: 1, max_depth: MAX_DEPTH, seed: 1 };
+        let bounds = MediaBounds::of(renderer.scene());
+        let request = FrameRequest {
+            render_pose: pose,
+            camera,
+            plan: plan.clone(),
+            volume: (!bounds.is_empty()).then(|| LayersRequest {
+                format: VolumeFormat::default(),
+                range: bounds.range(&pose),
+                exactly: false,
+            }),
+            spp: 1,
+            max_depth: MAX_DEPTH,
+            seed: 1,
+        };
         let tree = Tree::new(pose, camera, plan.clone(), Interfaces::default());
         let mut probe = Probe { renderer, request, tree, seconds: Vec::new(), counted: RayCounts::default() };
         // The first frame warms caches and starts threads.
@@ -184,23 +198,21 @@ impl Probe<'_> {
     }
 }
 
-fn plan_report(plan: Plan, interfaces: Interfaces, camera: Camera, exposure: f32) -> PlanReport {
-    let shape =
-        FrameShape { camera, plan, interfaces, format: FrameFormat::default(), strip_rows: BAND_ROWS as u16, exposure };
+fn plan_report(plan: Plan, interfaces: Interfaces, camera: Camera, exposure: f32, has_media: bool) -> PlanReport {
+    let layers = if has_media { VolumeFormat::default() } else { VolumeFormat::NONE };
+    let (format, volume) = (FrameFormat { volume: layers, ..FrameFormat::default() }, VolumeRange::default());
+    let shape = FrameShape { camera, plan, interfaces, format, volume, strip_rows: BAND_ROWS as u16, exposure };
     let plan = &shape.plan;
     let planes: Vec<PlaneReport> = shape
         .planes()
         .into_iter()
-        .map(|(node, kind, bits)| PlaneReport {
-            name: format!("{}.{}", plan.name(usize::from(node)), kind.name()),
-            bits_per_pixel: bits,
-        })
+        .map(|(node, kind, bits)| PlaneReport { name: kind.name_in(plan, node), bits_per_pixel: bits })
         .collect();
     PlanReport {
         nodes: (0..plan.nodes().len()).map(|node| plan.letters(node)).collect(),
         bits_per_pixel: planes.iter().map(|plane| plane.bits_per_pixel).sum(),
         planes,
-        volume_layers: 0,
+        volume_layers: u32::from(layers.layers),
     }
 }
 

@@ -210,6 +210,7 @@ fn render_tree(
         render_pose: pose,
         camera,
         plan,
+        volume: None,
         spp: quality.spp,
         max_depth: quality.max_depth,
         seed: args.seed,

@@ -48,6 +48,10 @@ pub fn without(scene: &Scene, kind: EffectKind) -> (Scene, Simulated) {
                 }
             }
         }
+        EffectKind::Media => {
+            scene.media.clear();
+            scene.materials.iter_mut().for_each(|material| (material.interior, material.exterior) = (None, None));
+        }
         EffectKind::Absorption | EffectKind::Dispersion => {
             for material in &mut scene.materials {
                 if let Surface::Dielectric { absorption, dispersion, .. } = &mut material.surface {

@@ -43,11 +43,13 @@ pub enum EffectKind {
     Absorption,
     /// Colours that are refracted differently.
     Dispersion,
+    /// Light scattered between surfaces.
+    Media,
 }
 
 impl EffectKind {
     /// All there are, in the order of reports.
-    pub const ALL: [EffectKind; 13] = [
+    pub const ALL: [EffectKind; 14] = [
         EffectKind::Emission,
         EffectKind::PointLights,
         EffectKind::Environment,
@@ -61,6 +63,7 @@ impl EffectKind {
         EffectKind::Coats,
         EffectKind::Absorption,
         EffectKind::Dispersion,
+        EffectKind::Media,
     ];
 
     /// Its name in reports.
@@ -79,6 +82,7 @@ impl EffectKind {
             EffectKind::Coats => "coats",
             EffectKind::Absorption => "absorption",
             EffectKind::Dispersion => "dispersion",
+            EffectKind::Media => "media",
         }
     }
 
@@ -89,6 +93,7 @@ impl EffectKind {
             EffectKind::Reflection => Some("rays.reflect"),
             EffectKind::Refraction => Some("rays.refract"),
             EffectKind::RoughLobes => Some("rays.glossy"),
+            EffectKind::Media => Some("rays.scatter"),
             EffectKind::Emission
             | EffectKind::PointLights
             | EffectKind::Environment
@@ -173,6 +178,9 @@ fn why(kind: EffectKind, scene: &Scene, used: &[&Material]) -> Option<String> {
             &|material| matches!(material.surface, Surface::Dielectric { absorption, .. } if absorption != Vec3::ZERO),
         ),
         EffectKind::Dispersion => because("disperses colours", &|material| material.surface.is_dispersive()),
+        EffectKind::Media => because("bounds a medium", &|material| {
+            [material.interior, material.exterior].iter().flatten().any(|&index| (index as usize) < scene.media.len())
+        }),
     }
 }
 

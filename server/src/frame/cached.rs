@@ -184,7 +184,9 @@ impl FrameRenderer {
         }
         let before = live.version.replace(self.version);
         tree.reset(request.render_pose, request.camera, &request.plan, &self.interfaces);
-        let eye = Eye::new(self.scene(), &request.render_pose, request.camera);
+        tree.set_layers(request.layers());
+        let eye = self.eye_of(request);
+        let view = self.media_in_view(&request.render_pose, request.camera);
         let cell_per_m = CELL_PX / request.camera.focal_px().min_element();
         let rests = live.rest.continues(request, self.version);
         let LiveFrames { cache, bands, rest, glossy, denoises, changes, .. } = live;
@@ -208,6 +210,7 @@ impl FrameRenderer {
         // Geometry, and what is certain.
         rows.par_iter_mut().zip(&mut *bands).for_each(|(rows, band)| {
             self.trace_band(request, &eye, rows, band);
+            view.march_band(request, rows, &mut band.counts);
             band.assess(cache, cell_per_m);
         });
 
@@ -358,17 +361,18 @@ impl FrameRenderer {
                 radiance[usize::from(glossy)] += weight * direct;
                 let Some(scattered) = scattered else { continue };
                 let Some(weight) = worth_following(weight * scattered.weight, sampler) else { continue };
-                let (through, met) = tracer.follow(&vertex, &scattered, sampler);
-                match met {
+                let followed = tracer.follow(&vertex, &scattered, weight, 1.0, max_depth, sampler, counts);
+                radiance[usize::from(glossy)] += followed.gathered;
+                match followed.met {
                     Met::Nothing { radiance: escaped } => {
-                        radiance[usize::from(glossy)] += weight * through * escaped;
+                        radiance[usize::from(glossy)] += followed.throughput * escaped;
                     }
                     Met::Surface(next) => waiting.push(Branch {
                         path_m: path_m + (next.point.position - scattered.ray.origin).length(),
                         vertex: next,
-                        weight: weight * through,
+                        weight: followed.throughput,
                         evaluated: Events::ALL,
-                        arrival: scattered.arrival,
+                        arrival: followed.arrival,
                         glossy,
                     }),
                 }

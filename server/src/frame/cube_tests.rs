@@ -46,7 +46,7 @@ fn the_six_faces_of_a_cube_are_six_perspective_pictures() {
     let pose = Pose { orientation: scene.head.orientation * turn, ..scene.head };
     let renderer = FrameRenderer::new(Arc::new(scene));
     let camera = cube(24);
-    let whole = FrameRequest { render_pose: pose, camera, plan, spp: 6, max_depth: 4, seed: 3 };
+    let whole = FrameRequest { render_pose: pose, camera, plan, volume: None, spp: 6, max_depth: 4, seed: 3 };
     let cube = rendered(&renderer, &whole);
     let cube_picture = picture(&cube);
     let nodes = cube.plan.nodes().len();
@@ -102,7 +102,8 @@ fn live_frames_of_a_cube_converge_to_the_path_traced_cube_on_every_face() {
         let (plan, head) = (plan_of(&scene), scene.head);
         let pose = Pose { orientation: DQuat::IDENTITY, ..head };
         let renderer = FrameRenderer::new(Arc::new(scene));
-        let mut request = FrameRequest { render_pose: pose, camera: cube(13), plan, spp: 1, max_depth: 5, seed: 0 };
+        let mut request =
+            FrameRequest { render_pose: pose, camera: cube(13), plan, volume: None, spp: 1, max_depth: 5, seed: 0 };
         let pixels = request.camera.size.pixels();
         let mut live = LiveFrames::new(CacheSettings { log2_blocks: 14, max_samples: 1e5 });
         let mut tree = empty_tree();
@@ -113,7 +114,8 @@ fn live_frames_of_a_cube_converge_to_the_path_traced_cube_on_every_face() {
             let samples = 16.0 * pixels as f64;
             renderer.render_live(&request, samples, &mut live, &mut tree, &Counters::default(), &|_| {});
         }
-        let reference = picture(&rendered(&renderer, &FrameRequest { spp: 256, seed: 99, ..request.clone() }));
+        let reference =
+            picture(&rendered(&renderer, &FrameRequest { volume: None, spp: 256, seed: 99, ..request.clone() }));
         let shown = picture(&tree);
         assert!(shown.iter().all(|radiance| radiance.is_finite() && radiance.min_element() >= 0.0));
         for (index, face) in request.camera.faces().enumerate() {

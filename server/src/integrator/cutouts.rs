@@ -64,7 +64,7 @@ pub(super) fn has_cutouts(scene: &Scene) -> bool {
     scene.materials.iter().any(|material| material.cutout.is_some() || material.surface == Surface::Null)
 }
 
-fn lets_through(scene: &Scene, ray: &Ray, hit: &Hit, point: &SurfacePoint, salt: u32) -> bool {
+pub(super) fn lets_through(scene: &Scene, ray: &Ray, hit: &Hit, point: &SurfacePoint, salt: u32) -> bool {
     let material = &scene.materials[point.material as usize];
     if material.surface == Surface::Null {
         return true;

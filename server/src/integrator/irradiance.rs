@@ -60,16 +60,18 @@ impl PathTracer {
         let (mut path_m, mut from_surface_m) = (path_m, 0.0);
         loop {
             // Trace the next segment.
-            let (through, met) = self.follow(&from, &scattered, &mut gather.sampler);
-            weight *= through;
-            let mut next = match met {
+            let Gather { max_depth, ref mut sampler, ref mut counts, .. } = *gather;
+            let followed = self.follow(&from, &scattered, weight, 1.0, max_depth, sampler, counts);
+            weight = followed.throughput;
+            radiance += followed.gathered;
+            let mut next = match followed.met {
                 Met::Nothing { radiance: escaped } => return radiance + weight * escaped,
                 Met::Surface(next) => next,
             };
             let distance = (next.point.position - scattered.ray.origin).length();
             path_m += distance;
             from_surface_m += distance;
-            radiance += weight * self.emitted(&next, scattered.arrival);
+            radiance += weight * self.emitted(&next, followed.arrival);
             if next.segments >= gather.max_depth {
                 return radiance;
             }

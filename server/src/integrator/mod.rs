@@ -6,16 +6,22 @@
 //! (Veach 1997), Russian roulette, Lambert and smooth specular surfaces. Estimates are unbiased up to
 //! `max_depth`; samples that are not finite are dropped and counted.
 //!
-//! Limits: smooth or diffuse surfaces only; media do not scatter and do not nest (a ray that leaves any
-//! dielectric is in air); the eye is in air; light that reaches a diffuse surface through a dielectric is
-//! found by chance only (caustics are noisy). Cost: two rays per diffuse bounce.
+//! Between surfaces a path may run through media (`media`), which are flown through by delta tracking (`flight`) and
+//! whose boundaries say what it is inside of (`boundaries`). Scenes without any decide that once per segment.
+//!
+//! Limits: without media of the scene's a ray that leaves any dielectric is in air, and so is the eye; light that
+//! reaches a diffuse surface or a medium through a dielectric is found by chance only (caustics are noisy).
+//! Cost: two rays per diffuse bounce or scattering.
 
+mod boundaries;
 mod cutouts;
 mod emitters;
 #[cfg(test)]
 mod far;
+mod flight;
 mod irradiance;
 mod lights;
+mod media;
 mod path;
 #[cfg(test)]
 mod reference;
@@ -24,12 +30,14 @@ mod surroundings;
 #[cfg(test)]
 mod tests;
 
+pub use boundaries::MediumInterval;
 pub(crate) use irradiance::Gather;
+pub(crate) use media::Departure;
 pub(crate) use path::{Arrival, Events, Met, Vertex};
 
 use crate::accel::Accel;
 use crate::effects::Simulated;
-use crate::scene::{Moved, Scene};
+use crate::scene::{Material, Moved, Scene};
 use lights::Lights;
 use std::sync::Arc;
 
@@ -41,6 +49,8 @@ pub struct PathTracer {
     lights: Lights,
     /// Whether any surface has holes.
     has_cutouts: bool,
+    /// Whether any surface bounds a medium that scatters.
+    pub(crate) has_media: bool,
     /// Whether any surface refracts colours differently.
     has_dispersion: bool,
     /// All, but for a measurement of what an effect costs.
@@ -60,6 +70,7 @@ impl PathTracer {
             simulated,
             accel: Accel::new(&scene),
             lights: Lights::new(&scene),
+            has_media: !scene.media.is_empty() && scene.materials.iter().any(Material::bounds_medium),
             has_cutouts: cutouts::has_cutouts(&scene),
             has_dispersion: scene.materials.iter().any(|material| material.surface.is_dispersive()),
             scene,

@@ -5,9 +5,10 @@
 
 use super::PathTracer;
 use super::lights::emission;
+use super::media::{Departure, Followed};
 use super::sampler::Sampler;
 use crate::accel::{Ray, SurfacePoint};
-use crate::bsdf::{Boundary, Bsdf, Channel, Lambert, Lobes, LobesOf, Medium, Scatters};
+use crate::bsdf::{Boundary, Bsdf, Channel, Enclosure, Lambert, Lobes, LobesOf, Scatters};
 use crate::counters::RayCounts;
 use crate::effects::Simulated;
 use glam::Vec3;
@@ -26,7 +27,7 @@ pub(crate) struct Vertex {
     /// Direction of the ray that met it.
     pub(crate) direction: Vec3,
     /// The medium that ray ran through.
-    pub(crate) medium: Medium,
+    pub(crate) medium: Enclosure,
     /// Segments from the eye to here.
     pub(crate) segments: u32,
     /// The colour that the path follows, once light has been dispersed.
@@ -79,15 +80,25 @@ pub(crate) enum Arrival {
     Drawn { from: Vec3, pdf: f32 },
 }
 
+/// What a path brings along to the surface from which it is walked.
+#[derive(Clone, Copy, Debug)]
+struct Begun {
+    arrival: Arrival,
+    throughput: Vec3,
+    eta2: f32,
+}
+
 /// What a surface sends on: the next ray of the path.
 pub(crate) struct Scattered {
     pub(crate) ray: Ray,
     /// Factor on what arrives by it, over its probability.
     pub(crate) weight: Vec3,
-    pub(crate) medium: Medium,
+    pub(crate) medium: Enclosure,
     pub(crate) arrival: Arrival,
     /// Squared relative index of the medium entered; 1 otherwise.
-    eta2: f32,
+    pub(super) eta2: f32,
+    /// Whether it goes straight on into another medium: no segment of its own, and found by shadow rays, too.
+    pub(super) passes: bool,
 }
 
 /// What a ray has met, or the light of the environment.
@@ -97,13 +108,32 @@ pub(crate) enum Met {
 }
 
 impl PathTracer {
-    /// Radiance that arrives at the origin of an eye ray.
-    pub(crate) fn radiance(&self, ray: &Ray, max_depth: u32, sampler: &mut Sampler, counts: &mut RayCounts) -> Vec3 {
+    /// Radiance that arrives at the origin of an eye ray, which is inside of `eye`.
+    pub(crate) fn radiance(
+        &self,
+        ray: &Ray,
+        eye: Enclosure,
+        max_depth: u32,
+        sampler: &mut Sampler,
+        counts: &mut RayCounts,
+    ) -> Vec3 {
         counts.primary += 1;
+        if self.has_media {
+            let departure = Departure {
+                ray: *ray,
+                medium: eye,
+                arrival: Arrival::Certain,
+                segments: 1,
+                channel: None,
+                throughput: Vec3::ONE,
+                eta2: 1.0,
+            };
+            return self.incident(departure, max_depth, sampler, counts);
+        }
         match self.surface_along(ray, self.salt(sampler)) {
             None => self.scene.environment.radiance(ray.direction),
             Some((point, _)) => {
-                let medium = Medium::AIR;
+                let medium = Enclosure::AIR;
                 let vertex = Vertex { point, direction: ray.direction, medium, segments: 1, channel: None };
                 self.outgoing(vertex, Events::ALL, max_depth, sampler, counts)
             }
@@ -115,18 +145,62 @@ impl PathTracer {
     pub(crate) fn outgoing(
         &self,
         first: Vertex,
+        evaluated: Events,
+        max_depth: u32,
+        sampler: &mut Sampler,
+        counts: &mut RayCounts,
+    ) -> Vec3 {
+        let begun = Begun { arrival: Arrival::Certain, throughput: Vec3::ONE, eta2: 1.0 };
+        self.walk(first, begun, evaluated, max_depth, sampler, counts)
+    }
+
+    /// One sample of the radiance that arrives at the origin of a ray, through whatever media there are; with the
+    /// throughput of the path before it.
+    pub(super) fn incident(
+        &self,
+        departure: Departure,
+        max_depth: u32,
+        sampler: &mut Sampler,
+        counts: &mut RayCounts,
+    ) -> Vec3 {
+        let followed = self.travel(departure, max_depth, sampler, counts);
+        followed.gathered + self.arriving(followed, departure.eta2, max_depth, sampler, counts)
+    }
+
+    /// What comes from where a path has ended up, without what it has gathered on its way.
+    pub(super) fn arriving(
+        &self,
+        followed: Followed,
+        eta2: f32,
+        max_depth: u32,
+        sampler: &mut Sampler,
+        counts: &mut RayCounts,
+    ) -> Vec3 {
+        let Followed { throughput, arrival, met, .. } = followed;
+        match met {
+            Met::Nothing { radiance } => throughput * radiance,
+            Met::Surface(vertex) => {
+                self.walk(vertex, Begun { arrival, throughput, eta2 }, Events::ALL, max_depth, sampler, counts)
+            }
+        }
+    }
+
+    /// The walk from a surface on, with the throughput of the path before it in what it returns.
+    #[inline]
+    fn walk(
+        &self,
+        first: Vertex,
+        begun: Begun,
         mut evaluated: Events,
         max_depth: u32,
         sampler: &mut Sampler,
         counts: &mut RayCounts,
     ) -> Vec3 {
         let mut vertex = first;
-        let mut arrival = Arrival::Certain;
+        // The product of the squared indices is there because inside of glass the throughput is small by the
+        // scaling of radiance alone, which the roulette must not take for absorption.
+        let Begun { mut arrival, mut throughput, mut eta2 } = begun;
         let mut radiance = Vec3::ZERO;
-        let mut throughput = Vec3::ONE;
-        // Product of the squared indices: inside a medium the throughput is small by the scaling of
-        // radiance alone, which the roulette must not take for absorption.
-        let mut eta2 = 1.0;
         while vertex.segments <= max_depth {
             if evaluated.emission {
                 radiance += throughput * self.emitted(&vertex, arrival);
@@ -158,10 +232,11 @@ impl PathTracer {
             }
 
             // Trace the next segment.
-            arrival = scattered.arrival;
-            let (weight, met) = self.follow(&vertex, &scattered, sampler);
-            throughput *= weight;
-            match met {
+            let scattered = if scattered.passes { Scattered { arrival, ..scattered } } else { scattered };
+            let followed = self.follow(&vertex, &scattered, throughput, eta2, max_depth, sampler, counts);
+            radiance += followed.gathered;
+            (throughput, arrival) = (followed.throughput, followed.arrival);
+            match followed.met {
                 Met::Surface(next) => vertex = next,
                 Met::Nothing { radiance: escaped } => {
                     radiance += throughput * escaped;
@@ -172,21 +247,38 @@ impl PathTracer {
         radiance
     }
 
-    /// Traces a scattered ray: what is left of the light on its way, and what it meets.
-    pub(crate) fn follow(&self, from: &Vertex, scattered: &Scattered, sampler: &mut Sampler) -> (Vec3, Met) {
-        let direction = scattered.ray.direction;
-        match self.surface_along(&scattered.ray, self.salt(sampler)) {
+    /// Traces a scattered ray to the next surface, or out of the scene; `throughput` is that of the path with the
+    /// ray's own weight.
+    #[allow(clippy::too_many_arguments)]
+    #[inline]
+    pub(crate) fn follow(
+        &self,
+        from: &Vertex,
+        scattered: &Scattered,
+        throughput: Vec3,
+        eta2: f32,
+        max_depth: u32,
+        sampler: &mut Sampler,
+        counts: &mut RayCounts,
+    ) -> Followed {
+        let Scattered { ray, medium, arrival, .. } = *scattered;
+        let (channel, segments) = (from.channel, from.segments + u32::from(!scattered.passes));
+        if self.has_media {
+            let departure = Departure { ray, medium, arrival, segments, channel, throughput, eta2 };
+            return self.travel(departure, max_depth, sampler, counts);
+        }
+        let (through, met) = match self.surface_along(&ray, self.salt(sampler)) {
             None => {
-                let weight = self.weight_of_escape(direction, scattered.arrival);
-                let radiance = weight * self.scene.environment.radiance(direction);
-                (scattered.medium.transmittance(f32::INFINITY), Met::Nothing { radiance })
+                let weight = self.weight_of_escape(ray.direction, arrival);
+                let radiance = weight * self.scene.environment.radiance(ray.direction);
+                (medium.transmittance(f32::INFINITY), Met::Nothing { radiance })
             }
             Some((point, distance)) => {
-                let (medium, channel, segments) = (scattered.medium, from.channel, from.segments + 1);
-                let vertex = Vertex { point, direction, medium, segments, channel };
+                let vertex = Vertex { point, direction: ray.direction, medium, segments, channel };
                 (medium.transmittance(distance), Met::Surface(vertex))
             }
-        }
+        };
+        Followed { gathered: Vec3::ZERO, throughput: throughput * through, arrival, met, scattered: false }
     }
 
     /// Chooses the colour that a path follows from here on, where the surface refracts colours differently;
@@ -217,7 +309,7 @@ impl PathTracer {
     }
 
     /// Weight of the environment against drawing it.
-    fn weight_of_escape(&self, direction: Vec3, arrival: Arrival) -> f32 {
+    pub(super) fn weight_of_escape(&self, direction: Vec3, arrival: Arrival) -> f32 {
         match arrival {
             Arrival::Drawn { pdf, .. } => balance(pdf, self.lights.pdf_of_environment(direction)),
             Arrival::Certain => 1.0,
@@ -293,6 +385,7 @@ impl PathTracer {
             medium: sample.medium,
             arrival: Arrival::Drawn { from: vertex.point.position, pdf: of_lobes * sample.pdf },
             eta2: sample.eta2,
+            passes: false,
         })
     }
 
@@ -318,11 +411,15 @@ impl PathTracer {
         }
         counts.shadow += 1;
         let ray = Ray { origin: light.origin, direction: light.direction };
-        if self.is_occluded(&ray, light.distance * SHADOW_END, self.salt(sampler)) {
+        let medium = lobes.medium_towards(light.direction);
+        let through = if self.has_media {
+            self.light_along(&ray, light.distance * SHADOW_END, medium, sampler)
+        } else if self.is_occluded(&ray, light.distance * SHADOW_END, self.salt(sampler)) {
             return Vec3::ZERO;
-        }
+        } else {
+            medium.transmittance(light.distance)
+        };
         let mis = light.pdf.map_or(1.0, |pdf| balance(pdf, of_lobes * reflected.pdf));
-        let through = lobes.medium_towards(light.direction).transmittance(light.distance);
         reflected.value * light.weight * through * mis
     }
 }
@@ -356,6 +453,7 @@ fn scatter_sharp(
         (true, Some(_)) => boundary.reflectance.x,
     };
     let choice = if refracted.is_some() && evaluated.reflect { sampler.value() } else { 0.5 };
+    let mut passes = false;
     let (direction, weight, medium, eta2) = match refracted.filter(|_| choice >= probability_of_reflection) {
         None => {
             counts.reflect += 1;
@@ -364,11 +462,12 @@ fn scatter_sharp(
         }
         Some(refracted) => {
             counts.refract += 1;
+            passes = refracted.passes(vertex.medium);
             let weight = (Vec3::ONE - boundary.reflectance) * refracted.factor / (1.0 - probability_of_reflection);
             (refracted.direction, weight, refracted.medium, refracted.eta * refracted.eta)
         }
     };
-    Some(Scattered { ray: vertex.point.leave(direction), weight, medium, arrival: Arrival::Certain, eta2 })
+    Some(Scattered { ray: vertex.point.leave(direction), weight, medium, arrival: Arrival::Certain, eta2, passes })
 }
 
 /// Weight of a sample of density `own` where another way has the density `other` (balance heuristic).

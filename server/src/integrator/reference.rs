@@ -5,12 +5,13 @@
 
 use super::PathTracer;
 use crate::film::{PixelFilter, RenderSettings};
-use crate::scene::Scene;
-use crate::testing::{BLOCK_PX, block_means, critical_z, render, write_pictures};
-use glam::Vec3;
+use crate::scene::{Environment, Light, Material, NamedCamera, Scene, Surface};
+use crate::testing::{BLOCK_PX, SceneBuilder, block_means, critical_z, render, write_pictures};
+use crate::volume::{Albedo, Matter, Medium, Phase};
+use glam::{Affine3A, DVec3, Vec3};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use warplight_protocol::{Camera, ImageSize};
+use warplight_protocol::{Camera, ImageSize, Pose};
 
 fn data_folder() -> Option<PathBuf> {
     let folder = std::env::var_os("WARPLIGHT_DATA").map(PathBuf::from);
@@ -69,9 +70,21 @@ struct Tolerance {
     image: f64,
 }
 
-/// Renders a scene from its first camera and compares it with the reference. Depth is the scene's own unless given.
+/// Loads a scene and compares it with the reference. Depth is the scene's own unless given.
 fn compare(name: &str, scene: &Path, reference: &Reference, spp: u32, max_depth: Option<u32>, tolerance: Tolerance) {
     let scene = Scene::load(&scene.to_string_lossy()).unwrap();
+    compare_scene(name, scene, reference, spp, max_depth, tolerance);
+}
+
+/// Renders a scene from its first camera and compares it with the reference. Depth is the scene's own unless given.
+fn compare_scene(
+    name: &str,
+    scene: Scene,
+    reference: &Reference,
+    spp: u32,
+    max_depth: Option<u32>,
+    tolerance: Tolerance,
+) {
     eprintln!("{name}: {:?}", scene.warnings);
     let view = scene.cameras[0].clone();
     let max_depth = max_depth.or(scene.defaults.max_depth).unwrap();
@@ -166,4 +179,75 @@ fn rough_glass_is_that_of_mitsuba() {
         4096,
         0.0,
     );
+}
+
+/// The scenes of Mitsuba's own tests with media.
+fn compare_media_with_mitsuba(name: &str, integrator: &str, spp: u32, block: f64) {
+    let scene = format!("participating_media/test_{name}_{integrator}");
+    compare_with_mitsuba(&scene, &format!("participating_media/refs/test_{name}_ref_rgb"), spp, block);
+}
+
+#[test]
+fn a_ball_of_fog_is_that_of_mitsuba() {
+    compare_media_with_mitsuba("homo_null_envmap", "volpath", 256, 0.0);
+}
+
+#[test]
+fn a_chromatic_ball_of_fog_is_that_of_mitsuba() {
+    compare_media_with_mitsuba("homo_spectral_sigmat", "volpathmis", 256, 0.0);
+}
+
+#[test]
+fn a_grid_of_smoke_is_that_of_mitsuba() {
+    compare_media_with_mitsuba("hetero_sigmat", "volpath", 256, 0.0);
+}
+
+#[test]
+fn a_chromatic_grid_of_smoke_is_that_of_mitsuba() {
+    compare_media_with_mitsuba("hetero_spectral_sigmat", "volpathmis", 256, 0.0);
+}
+
+#[test]
+fn surfaces_inside_a_medium_are_those_of_mitsuba() {
+    compare_media_with_mitsuba("homo_obj_inside_medium", "volpath", 256, 0.0);
+}
+
+#[test]
+fn an_area_light_on_fog_behind_a_pane_is_that_of_mitsuba() {
+    compare_media_with_mitsuba("homo_area_light", "volpath", 256, 0.0);
+}
+
+#[test]
+fn a_spot_on_rough_glass_with_an_absorbing_inside_is_that_of_mitsuba() {
+    // Caustics are found by chance.
+    compare_media_with_mitsuba("homo_roughdielectric_spot", "volpath", 1024, 0.0);
+}
+
+/// The cloud of the Walt Disney Animation Studios at a sixteenth, in a sky and a sun.
+#[test]
+fn a_cloud_is_that_of_an_independent_renderer() {
+    let Some(data) = data_folder() else { return };
+    let reference = Reference::with_standard_error(&data.join("reference/rendered/cloud_wdas16_96"));
+    let loaded = crate::volume::load(&data.join("volumes/cloud_wdas16_u16.nrrd"), None).unwrap();
+    let size = Vec3::new(1.26, 0.86, 1.54);
+    let matter = Matter::Density {
+        density: Arc::new(loaded.grid),
+        unit_from_world: Affine3A::from_translation(Vec3::splat(0.5)) * Affine3A::from_scale(size.recip()),
+        extinction_per_m: Vec3::splat(20.0 / 65535.0),
+        albedo: Albedo::Constant(Vec3::splat(0.9)),
+        emission: Vec3::ZERO,
+    };
+    let boundary = Material { interior: Some(0), ..Material::new("box", Surface::Null) };
+    let mut scene = SceneBuilder::new()
+        .environment(Environment::Constant(Vec3::new(0.5, 0.6, 0.8)))
+        .cube(Vec3::ZERO, 1.0, boundary)
+        .build();
+    scene.mesh.positions.iter_mut().for_each(|position| *position *= size);
+    scene.media = vec![Medium { matter, phase: Phase::ISOTROPIC }];
+    let direction = Vec3::new(-1.0, -2.0, -1.0).normalize();
+    scene.lights = vec![Light::Directional { direction, irradiance: Vec3::new(3.0, 2.8, 2.4) }];
+    let pose = Pose::look_at(DVec3::new(0.0, 0.25, 2.6), DVec3::ZERO);
+    scene.cameras = vec![NamedCamera { name: "a".to_owned(), pose, vertical_fov_rad: 30.0_f32.to_radians() }];
+    // Where the sky is all that is seen nothing scatters, and what is left is the rounding of f32.
+    compare_scene("cloud_wdas16_96", scene, &reference, 64, Some(64), Tolerance { block: 1e-6, image: 0.005 });
 }

@@ -1,7 +1,7 @@
 //! The scenes that come with the program: their files are in `scenes/`, their text is in the binary.
 
 /// (name, text of its scene.toml); the first is the default.
-const SCENES: [(&str, &str); 8] = [
+const SCENES: [(&str, &str); 13] = [
     ("gallery", include_str!("../../../scenes/gallery/scene.toml")),
     ("cornell", include_str!("../../../scenes/cornell/scene.toml")),
     ("mirror-room", include_str!("../../../scenes/mirror-room/scene.toml")),
@@ -10,6 +10,11 @@ const SCENES: [(&str, &str); 8] = [
     ("glass", include_str!("../../../scenes/glass/scene.toml")),
     ("materials", include_str!("../../../scenes/materials/scene.toml")),
     ("lamp", include_str!("../../../scenes/lamp/scene.toml")),
+    ("cube", include_str!("../../../scenes/cube/scene.toml")),
+    ("cloud", include_str!("../../../scenes/cloud/scene.toml")),
+    ("phantom", include_str!("../../../scenes/phantom/scene.toml")),
+    ("shells", include_str!("../../../scenes/shells/scene.toml")),
+    ("flight", include_str!("../../../scenes/flight/scene.toml")),
 ];
 
 /// Their names.

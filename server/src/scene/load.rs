@@ -97,6 +97,7 @@ fn finish(
     if part.cameras.is_empty() {
         part.cameras.push(NamedCamera { name: "head".to_owned(), pose: head, vertical_fov_rad: HEAD_FOV_RAD });
     }
+    let media = part.placed_media();
     Scene {
         name,
         origin: part.origin(),
@@ -104,6 +105,7 @@ fn finish(
         spheres: part.spheres,
         materials: part.materials,
         textures: part.textures,
+        media,
         lights: part.lights,
         environment,
         exposure,

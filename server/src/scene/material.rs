@@ -288,6 +288,11 @@ pub struct Material {
     pub emission: Color,
     /// Whether emission shows on both sides.
     pub emission_two_sided: bool,
+    /// What fills the inside of the surface: an index in the scene's media. It takes the place of the
+    /// absorption of a dielectric.
+    pub interior: Option<u32>,
+    /// What lies outside; without one, whatever the surface stands in.
+    pub exterior: Option<u32>,
 }
 
 impl Material {
@@ -301,11 +306,18 @@ impl Material {
             cutout: None,
             emission: Color::Constant(Vec3::ZERO),
             emission_two_sided: false,
+            interior: None,
+            exterior: None,
         }
     }
 }
 
 impl Material {
+    /// Whether a ray that passes the surface comes into another medium of the scene's.
+    pub fn bounds_medium(&self) -> bool {
+        self.interior.is_some() || self.exterior.is_some()
+    }
+
     /// Makes its texture indices count from `first`.
     pub(super) fn shift_textures(&mut self, first: u32) {
         let (colors, scalars, others) = self.parameters_mut();

@@ -26,7 +26,7 @@ mod ply;
 mod shapes;
 mod texels;
 mod texture;
-mod untrusted;
+pub(crate) mod untrusted;
 
 pub use environment::Environment;
 pub use error::SceneError;
@@ -40,6 +40,7 @@ pub use pattern::Pattern;
 pub use texels::{Texels, Transfer};
 pub use texture::{ImageTexture, TexelFilter, Texture, TextureKind, Wrap};
 
+use crate::volume::Medium;
 use glam::DVec3;
 use part::Part;
 use warplight_protocol::{ImageSize, Pose};
@@ -85,6 +86,8 @@ pub struct Scene {
     pub materials: Vec<Material>,
     /// Textures that materials name by index.
     pub textures: Vec<Texture>,
+    /// What fills closed surfaces and scatters light, named by materials by index. Counted from `origin`, too.
+    pub media: Vec<Medium>,
     /// Lights without extent.
     pub lights: Vec<Light>,
     /// What moves, and how.

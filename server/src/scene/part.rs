@@ -6,7 +6,8 @@
 
 use super::untrusted::MAX_COORDINATE_M;
 use super::{Light, Material, Mesh, Motion, NamedCamera, RenderDefaults, SceneError, Sphere, Surface, Texture};
-use glam::{DAffine3, DVec3};
+use crate::volume::Medium;
+use glam::{DAffine3, DVec3, Vec3};
 
 /// A piece of a scene; its indices are its own until it is appended to another.
 #[derive(Clone, Debug, Default)]
@@ -17,6 +18,8 @@ pub(super) struct Part {
     pub(super) spheres: Vec<Sphere>,
     pub(super) materials: Vec<Material>,
     pub(super) textures: Vec<Texture>,
+    /// Media, each with the place of its grid's unit cube: world_from_unit.
+    pub(super) media: Vec<(Medium, DAffine3)>,
     pub(super) lights: Vec<Light>,
     /// Of its lights.
     pub(super) motions: Vec<Motion>,
@@ -61,6 +64,14 @@ impl Part {
         self.lights.push(light.moved(&self.about_origin(world_from_light)));
     }
 
+    /// The media about the origin.
+    pub(super) fn placed_media(&self) -> Vec<Medium> {
+        let placed = |(medium, world_from_unit): &(Medium, DAffine3)| {
+            medium.clone().placed(&self.about_origin(world_from_unit).inverse())
+        };
+        self.media.iter().map(placed).collect()
+    }
+
     /// Decides the origin by the box around the first shape. Lights that were there before are moved.
     fn settle(&mut self, low: DVec3, high: DVec3) {
         if self.origin.is_some() {
@@ -87,26 +98,35 @@ impl Part {
     ) -> Result<(), SceneError> {
         let first_material = self.materials.len() as u32;
         let first_texture = self.textures.len() as u32;
+        let first_medium = self.media.len() as u32;
         let material = |index: u32| replacement(index).unwrap_or(first_material + index);
+        let world_from_source = *world_from_part;
         let world_from_part = *world_from_part * DAffine3::from_translation(part.origin());
         self.place(&part.mesh, &world_from_part, file, material)?;
         self.materials.extend(part.materials.into_iter().map(|mut material| {
             material.shift_textures(first_texture);
+            [&mut material.interior, &mut material.exterior]
+                .into_iter()
+                .flatten()
+                .for_each(|index| *index += first_medium);
             material
         }));
         self.textures.extend(part.textures);
+        self.media.extend(part.media.into_iter().map(|(medium, at)| (medium, world_from_source * at)));
         part.lights.into_iter().for_each(|light| self.place_light(light, &world_from_part));
         self.cameras.extend(part.cameras);
         self.warnings.extend(part.warnings);
         Ok(())
     }
 
-    /// Drops triangles and spheres that light does not meet and that send none: boundaries of media.
+    /// Drops triangles and spheres that light does not meet, that send none and that bound no medium.
     pub(super) fn drop_unseen(&mut self) {
         let unseen: Vec<bool> = self
             .materials
             .iter()
-            .map(|material| material.surface == Surface::Null && material.emission.is_black())
+            .map(|material| {
+                material.surface == Surface::Null && material.emission.is_black() && !material.bounds_medium()
+            })
             .collect();
         let seen = |&index: &u32| !unseen.get(index as usize).copied().unwrap_or(false);
         let mut keep = self.mesh.materials.iter().map(seen).collect::<Vec<_>>().into_iter();
@@ -115,11 +135,12 @@ impl Part {
         self.spheres.retain(|sphere| seen(&sphere.material));
     }
 
-    /// Whether any surface sends light.
+    /// Whether any surface or medium sends light.
     pub(super) fn has_emission(&self) -> bool {
         let emits =
             |index: u32| self.materials.get(index as usize).is_some_and(|material| !material.emission.is_black());
         !self.lights.is_empty()
+            || self.media.iter().any(|(medium, _)| medium.emission() != Vec3::ZERO)
             || self.mesh.materials.iter().any(|&index| emits(index))
             || self.spheres.iter().any(|sphere| emits(sphere.material))
     }
@@ -219,14 +240,18 @@ mod tests {
     }
 
     #[test]
-    fn surfaces_that_light_does_not_meet_are_dropped_unless_they_shine() {
+    fn surfaces_that_light_does_not_meet_are_dropped_unless_they_shine_or_bound_a_medium() {
         let mut part = part();
         part.materials[0].surface = Surface::Null;
         let mut shining = part.clone();
         shining.materials[0].emission = Color::Constant(Vec3::ONE);
+        let mut bounding = part.clone();
+        bounding.materials[0].interior = Some(0);
         part.drop_unseen();
         shining.drop_unseen();
         assert_eq!((part.mesh.triangles.len(), part.mesh.materials.len(), shining.mesh.triangles.len()), (0, 0, 1));
+        bounding.drop_unseen();
+        assert_eq!(bounding.mesh.triangles.len(), 1);
     }
 
     #[test]

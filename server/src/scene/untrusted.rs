@@ -9,36 +9,38 @@ use std::io::Read;
 use std::path::Path;
 
 /// Longest scene.toml in bytes; ours have a few kilobytes.
-pub(super) const MAX_TOML_BYTES: u64 = 4 << 20;
+pub(crate) const MAX_TOML_BYTES: u64 = 4 << 20;
 /// Longest Mitsuba file in bytes; its tree takes some twenty times that.
-pub(super) const MAX_XML_BYTES: u64 = 16 << 20;
+pub(crate) const MAX_XML_BYTES: u64 = 16 << 20;
 /// Deepest nesting of elements in a Mitsuba file; scenes have less than ten levels.
-pub(super) const MAX_XML_DEPTH: usize = 64;
+pub(crate) const MAX_XML_DEPTH: usize = 64;
 /// Most elements of a Mitsuba scene with all that it includes.
-pub(super) const MAX_XML_ELEMENTS: u64 = 1_000_000;
+pub(crate) const MAX_XML_ELEMENTS: u64 = 1_000_000;
 /// Most files that include each other in a row.
-pub(super) const MAX_INCLUDES: usize = 16;
+pub(crate) const MAX_INCLUDES: usize = 16;
 /// Most bytes of an attribute after parameters are put in: parameters may hold parameters.
-pub(super) const MAX_ATTRIBUTE_BYTES: u64 = 1 << 20;
+pub(crate) const MAX_ATTRIBUTE_BYTES: u64 = 1 << 20;
 /// Longest model or image file in bytes.
-pub(super) const MAX_FILE_BYTES: u64 = 1 << 30;
+pub(crate) const MAX_FILE_BYTES: u64 = 1 << 30;
 /// Most triangles of a scene: their vertices and the acceleration structure take about 100 bytes each.
-pub(super) const MAX_TRIANGLES: u64 = 20_000_000;
+pub(crate) const MAX_TRIANGLES: u64 = 20_000_000;
 /// Most vertices of a scene, 32 bytes each.
-pub(super) const MAX_VERTICES: u64 = 30_000_000;
+pub(crate) const MAX_VERTICES: u64 = 30_000_000;
 /// Most texels of an image; an 8192x4096 environment, 12 bytes each, takes half of them.
-pub(super) const MAX_TEXELS: u64 = 1 << 26;
+pub(crate) const MAX_TEXELS: u64 = 1 << 26;
 /// Most bytes of the images of a scene in memory: 16 of 4096 by 4096 texels in 8-bit RGBA.
-pub(super) const MAX_IMAGE_BYTES: u64 = 1 << 30;
+pub(crate) const MAX_IMAGE_BYTES: u64 = 1 << 30;
 /// Largest image side in texels.
-pub(super) const MAX_IMAGE_SIDE: u32 = 16_384;
+pub(crate) const MAX_IMAGE_SIDE: u32 = 16_384;
 /// Most materials, textures, shapes, cameras or nodes of one file.
-pub(super) const MAX_ITEMS: u64 = 100_000;
+pub(crate) const MAX_ITEMS: u64 = 100_000;
+/// Most values of a volume, 4 bytes each: 640 cells a side.
+pub(crate) const MAX_VOLUME_VALUES: u64 = 1 << 28;
 /// Largest coordinate in metres: beyond it f32 positions are coarser than 6 cm.
-pub(super) const MAX_COORDINATE_M: f32 = 1e6;
+pub(crate) const MAX_COORDINATE_M: f32 = 1e6;
 
 /// Reads a regular file of at most `limit` bytes. Devices and pipes, which may never end, are refused.
-pub(super) fn read_file(path: &Path, limit: u64) -> Result<Vec<u8>, SceneError> {
+pub(crate) fn read_file(path: &Path, limit: u64) -> Result<Vec<u8>, SceneError> {
     let name = path.display().to_string();
     let io_error = |source| SceneError::Io { file: name.clone(), source };
     let metadata = std::fs::metadata(path).map_err(io_error)?;
@@ -53,7 +55,7 @@ pub(super) fn read_file(path: &Path, limit: u64) -> Result<Vec<u8>, SceneError> 
 }
 
 /// Refuses what is beyond a limit.
-pub(super) fn check_limit(file: &str, what: &'static str, limit: u64, requested: u64) -> Result<(), SceneError> {
+pub(crate) fn check_limit(file: &str, what: &'static str, limit: u64, requested: u64) -> Result<(), SceneError> {
     if requested > limit {
         return Err(SceneError::LimitExceeded { file: file.to_owned(), what, limit, requested });
     }

@@ -12,6 +12,7 @@ mod cost;
 mod guard;
 mod outbox;
 
+use crate::march::MediaBounds;
 use crate::predict::{Predictor, damped};
 use cost::{BudgetFit, FrameCost};
 use guard::Guard;
@@ -19,7 +20,7 @@ use outbox::Outbox;
 use std::collections::VecDeque;
 use std::time::Duration;
 use warplight_protocol::codec::{DecodeError, FrameShape, Limits};
-use warplight_protocol::frame::{ColorFormat, FrameFormat, FrameId, Interfaces, Plan};
+use warplight_protocol::frame::{ColorFormat, FrameFormat, FrameId, Interfaces, Plan, VolumeFormat, VolumeRange};
 use warplight_protocol::message::{
     Capabilities, ErrorCode, FrameBegin, FrameEnd, FramePurpose, Hello, Message, Statistics, StillRequest, Viewport,
     Welcome,
@@ -71,6 +72,8 @@ pub struct SessionConfig {
     pub plan: Plan,
     /// Its optical boundaries.
     pub interfaces: Interfaces,
+    /// Where its media are.
+    pub media: MediaBounds,
     /// Samples of a live frame.
     pub samples: SampleBudget,
     /// Most samples of a still.
@@ -240,6 +243,10 @@ impl ServerSession {
     }
 
     fn on_hello(&mut self, now: Timestamp, hello: Hello) -> Result<(), DecodeError> {
+        if hello.viewport == Viewport::Cube && !self.config.media.is_empty() {
+            let expected = "a plane: this scene has media, whose layers have no cubes";
+            return Err(DecodeError::Malformed { field: "viewport", expected });
+        }
         self.fits(&hello, hello.camera)?;
         self.cube = match hello.viewport {
             Viewport::Plane => hello.camera,
@@ -259,19 +266,23 @@ impl ServerSession {
         Ok(())
     }
 
-    fn shape_for(&self, hello: &Hello, purpose: FramePurpose, camera: Camera) -> FrameShape {
-        let still_format = FrameFormat { color: ColorFormat::Half, ..hello.format };
+    fn shape_for(&self, hello: &Hello, purpose: FramePurpose, camera: Camera, pose: &Pose) -> FrameShape {
+        let no_layers = VolumeFormat { layers: 0, ..hello.format.volume };
+        let still_format = FrameFormat { color: ColorFormat::Half, volume: no_layers, ..hello.format };
+        let live_format =
+            if self.config.media.is_empty() { FrameFormat { volume: no_layers, ..hello.format } } else { hello.format };
         let (plan, interfaces, format) = match purpose {
-            FramePurpose::Live => (self.config.plan.clone(), self.config.interfaces.clone(), hello.format),
+            FramePurpose::Live => (self.config.plan.clone(), self.config.interfaces.clone(), live_format),
             FramePurpose::Still(_) => (Plan::diffuse(), Interfaces::default(), still_format),
         };
         let exposure = self.config.exposure;
-        FrameShape { camera, plan, interfaces, format, strip_rows: self.config.strip_rows, exposure }
+        let volume = if format.volume.layers > 0 { self.config.media.range(pose) } else { VolumeRange::default() };
+        FrameShape { camera, plan, interfaces, format, volume, strip_rows: self.config.strip_rows, exposure }
     }
 
     /// Whether a live frame of this camera is within the limits.
     fn fits(&self, hello: &Hello, camera: Camera) -> Result<(), DecodeError> {
-        self.shape_for(hello, FramePurpose::Live, camera).check(&self.config.limits)
+        self.shape_for(hello, FramePurpose::Live, camera, &Pose::IDENTITY).check(&self.config.limits)
     }
 
     /// The cube around the display, with coarser pixels where its own would exceed the limits.
@@ -300,8 +311,11 @@ impl ServerSession {
 
     /// A still has a camera of its own, and nodes only where they are asked for.
     fn shape_of_still(&self, hello: &Hello, still: &StillRequest) -> FrameShape {
-        let mut shape = self.shape_for(hello, FramePurpose::Still(still.number), still.camera);
+        let purpose = FramePurpose::Still(still.number);
+        let mut shape = self.shape_for(hello, purpose, still.camera, &still.pose);
         if still.with_nodes {
+            let live = self.shape_for(hello, FramePurpose::Live, still.camera, &still.pose);
+            (shape.format.volume, shape.volume) = (live.format.volume, live.volume);
             shape.plan.clone_from(&self.config.plan);
             shape.interfaces.clone_from(&self.config.interfaces);
         }
@@ -350,7 +364,7 @@ impl ServerSession {
         let pose_received = if is_live { self.pose_received } else { now };
         let spp = samples_per_1024_px.div_ceil(1024);
         let end = FrameEnd { id, pose_received, render_start: now, render_end: now, encoded: now, sent: now, spp };
-        let shape = still_shape.unwrap_or_else(|| self.shape_for(&hello, purpose, camera));
+        let shape = still_shape.unwrap_or_else(|| self.shape_for(&hello, purpose, camera, &render_pose));
         let pixels = shape.camera.size.pixels();
         self.rendering = Some(Rendering { id, is_live, samples_per_1024_px, pixels, end });
         let begin = FrameBegin {

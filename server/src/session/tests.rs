@@ -11,6 +11,7 @@ fn config() -> SessionConfig {
         exposure: 1.0,
         plan: Plan::diffuse(),
         interfaces: Interfaces::default(),
+        media: MediaBounds::default(),
         samples: SampleBudget::Samples(1),
         max_still_spp: 16,
         strip_rows: 16,

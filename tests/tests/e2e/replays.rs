@@ -8,7 +8,7 @@ use warplight_client::replay::{Circumstances, ModelledTimes, ReplayPlan, assess,
 use warplight_client::report::{ClockKind, Report};
 use warplight_client::trace::Trace;
 use warplight_client::warp::{Mode, Normals, Solver};
-use warplight_protocol::frame::FrameFormat;
+use warplight_protocol::frame::{FrameFormat, VolumeFormat};
 use warplight_protocol::message::Viewport;
 use warplight_protocol::{Camera, ImageSize};
 use warplight_server::scene::Scene;
@@ -54,6 +54,29 @@ fn the_same_seed_gives_the_same_report_to_the_byte() {
     let first = replay(&plan, "gallery", 2, 7).to_json().unwrap();
     assert_eq!(first, replay(&plan, "gallery", 2, 7).to_json().unwrap());
     assert_ne!(first, replay(&plan, "gallery", 2, 8).to_json().unwrap());
+}
+
+#[test]
+fn a_volume_travels_in_layers_and_is_shown_by_three_methods() {
+    let mut plan = plan(Trace::built_in(), 1.0, ImageSize::new(64, 48));
+    plan.format.volume = VolumeFormat { layers: 3, ..VolumeFormat::default() };
+    plan.modes = vec![Mode::None, Mode::Specular, Mode::Slabs, Mode::MeanDepth];
+    let report = replay(&plan, "cloud", 1, 7);
+    assert_eq!(report.to_json().unwrap(), replay(&plan, "cloud", 1, 7).to_json().unwrap());
+    let shown: Vec<&str> = report.quality.iter().map(|quality| quality.mode.as_str()).collect();
+    assert_eq!(shown, ["none", "specular", "slabs", "mean-depth"]);
+    for layer in 0..3 {
+        for plane in ["optical_depth", "extent", "source"] {
+            assert!(report.link.planes[&format!("volume.{layer}.{plane}")] > 0, "{:?}", report.link.planes);
+        }
+    }
+    assert!(!report.link.planes.contains_key("volume.3.source"));
+    assert!(report.counters["volume.steps"] > 0);
+    // Without media there are no layers, and no methods for them.
+    let plain = replay(&plan, "mirror-room", 1, 7);
+    assert_eq!(plain.quality.len(), 2);
+    assert!(plain.link.planes.keys().all(|plane| !plane.starts_with("volume")));
+    assert_eq!(plain.counters["volume.steps"], 0);
 }
 
 #[test]

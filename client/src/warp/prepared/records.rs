@@ -3,8 +3,8 @@
 use super::root::{EDGE, columns, flag};
 use super::scratch::{NodeScratch, PAD, Plane, Scratch};
 use super::{BAND, BOUNDARY_ENDS, Band, FAR_M, Input, MAX_HALO};
+use crate::lanes::{Floats, Integers, Mask, Vector};
 use crate::warp::exit::{shape_operator, turned};
-use crate::warp::lanes::{Floats, Integers, Mask, Vector};
 use crate::warp::optic::leaving;
 
 /// Relative second difference of a child's distance above which its block is rough: a depth edge of what is seen

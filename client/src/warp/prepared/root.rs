@@ -2,7 +2,7 @@
 
 use super::scratch::{PAD, Scratch};
 use super::{BAND, BLOCK, Band, CELL, Input, clear_boundaries, records, smooth};
-use crate::warp::lanes::{Floats, Integers, Mask, Vector};
+use crate::lanes::{Floats, Integers, Mask, Vector};
 
 /// Neighbours whose inverse depths differ by more than this fraction lie on different surfaces.
 pub(super) const EDGE: f32 = 0.05;

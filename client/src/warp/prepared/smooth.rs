@@ -8,7 +8,7 @@
 
 use super::Input;
 use super::scratch::{FILTER_HALO, PAD, Plane, Scratch};
-use crate::warp::lanes::{Floats, Vector};
+use crate::lanes::{Floats, Vector};
 
 /// Half a step of an octahedral coordinate of so many bits on [-1, 1], and as much again for what the fold to the
 /// sphere and normalisation make of it.

@@ -13,8 +13,8 @@
 use super::ladder::{Solver, Sought};
 use super::motion::Motion;
 use super::root::{RootSample, SurfaceSample, surface_at, texel};
+use crate::lanes::{Floats, Integers, MAX_LANES, Mask, Vector, as_floats};
 use crate::warp::exit::{Quadric, all};
-use crate::warp::lanes::{Floats, Integers, MAX_LANES, Mask, Vector, as_floats};
 use crate::warp::optic::leaving;
 use crate::warp::prepared::Prepared;
 use warplight_protocol::frame::{Arrival, MAX_NODES};

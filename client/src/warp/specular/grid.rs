@@ -3,7 +3,7 @@
 use super::chain::Chain;
 use super::motion::Motion;
 use super::root::{Splat, solve_from};
-use crate::warp::lanes::{Floats, Level, MAX_LANES, kernel};
+use crate::lanes::{Floats, Level, MAX_LANES, kernel};
 use crate::warp::prepared::Prepared;
 use crate::warp::pyramid::TILE;
 use rayon::prelude::*;

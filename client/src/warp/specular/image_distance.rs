@@ -250,8 +250,8 @@ fn across_of(direction: Vec3) -> [Vec3; 2] {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::lanes::{Floats, Portable, Vector};
     use crate::warp::exit;
-    use crate::warp::lanes::{Floats, Portable, Vector};
 
     /// Of a wave from `way` ahead of the boundary, the inverse distances of both focal lines behind it.
     fn images(boundary: Boundary, incident: Vec3, leaving: Vec3, way: f32) -> [f32; 2] {

@@ -22,9 +22,9 @@ mod shade;
 mod tile;
 
 use super::canvas::Canvas;
-use super::lanes::Level;
 use super::prepared::Prepared;
 use super::pyramid::{Pyramid, TILE};
+use crate::lanes::Level;
 use grid::Grid;
 use holes::BandState;
 pub use ladder::Solver;

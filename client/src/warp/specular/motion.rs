@@ -1,6 +1,6 @@
 //! From pixels of the display back to the view of the frame.
 
-use crate::warp::lanes::{Floats, Vector};
+use crate::lanes::{Floats, Vector};
 use crate::warp::reproject::{Reprojection, view_from_pixel};
 use glam::{Vec2, Vec3};
 use warplight_protocol::{Camera, Pose};

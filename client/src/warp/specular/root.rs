@@ -6,8 +6,8 @@
 //! farthest of each: the nearest first, since it hides the other. What does not settle is a disocclusion.
 
 use super::motion::Motion;
+use crate::lanes::{Floats, Integers, Mask, Vector, as_floats};
 use crate::warp::exit::all;
-use crate::warp::lanes::{Floats, Integers, Mask, Vector, as_floats};
 use crate::warp::prepared::{CELL, Prepared};
 use glam::Vec2;
 use rayon::prelude::*;

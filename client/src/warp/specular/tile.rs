@@ -6,8 +6,8 @@ use super::holes::BandState;
 use super::motion::Motion;
 use super::root::{EDGE, RootSample, Splat, solve_from};
 use super::shade::{Footprints, shade};
+use crate::lanes::{Floats, Level, MAX_LANES, Mask, kernel};
 use crate::warp::canvas::Canvas;
-use crate::warp::lanes::{Floats, Level, MAX_LANES, Mask, kernel};
 use crate::warp::prepared::{BOUNDARY_ENDS, Prepared};
 use crate::warp::pyramid::{HalfBand, TILE};
 use warplight_protocol::frame::MAX_NODES;
@@ -292,6 +292,20 @@ fn solve_pixels<F: Floats>(
     solve_from(context.frame, context.motion, pixels, (F::load(&nearest, 0), F::load(&farthest, 0)), 0.0)
 }
 
+/// Notes where the root is, for whoever puts something before it.
+fn note_depths(context: &Context<'_>, tile: &TilePixels, (tile_x, tile_y): (usize, usize), canvas: &mut Canvas<'_>) {
+    let left = tile_x * TILE;
+    let (rows, columns) = (TILE.min(context.height - tile_y * TILE), TILE.min(context.width - left));
+    let mut known = [false; PIXELS];
+    for (known, &state) in known.iter_mut().zip(&tile.state) {
+        *known = state == KNOWN;
+    }
+    for row in 0..rows {
+        let pixels = row * TILE..row * TILE + columns;
+        canvas.note_depths(row * context.width + left, &tile.inverse_depth[pixels.clone()], &known[pixels]);
+    }
+}
+
 #[inline(always)]
 fn make_tiles<F: Floats>(
     context: &Context<'_>,
@@ -305,6 +319,9 @@ fn make_tiles<F: Floats>(
     let mut footprints = [Footprints::new(), Footprints::new()];
     for tile_x in 0..context.grid.tiles_x {
         tile.flow::<F>(context, &mut chain, (tile_x, tile_y), state);
+        if let Canvas::Radiance { .. } = canvas {
+            note_depths(context, &tile, (tile_x, tile_y), canvas);
+        }
         shade::<F>(context, &tile, (tile_x, tile_y), (canvas, half, state), &mut footprints);
     }
 }

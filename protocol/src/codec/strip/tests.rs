@@ -5,7 +5,9 @@ use super::*;
 use crate::codec::samples::Packing;
 use crate::codec::{Limits, PLANE_HEADER_BYTES, STRIP_HEADER_BYTES, curvature, depth};
 use crate::curvature::{MAX_CURVATURE_PER_M, ShapeOperator};
-use crate::frame::{ColorFormat, DepthCoding, FrameFormat, Interfaces, Plan, Tree};
+use crate::frame::{
+    ColorFormat, DepthCoding, FrameFormat, Interfaces, MAX_LAYERS, Plan, Tree, VolumeFormat, VolumeRange,
+};
 use crate::optics::Interface;
 use crate::{Camera, ImageSize, Pose};
 use glam::Vec3;
@@ -82,6 +84,22 @@ fn tree(shape: &FrameShape, seed: u64, extremes: bool) -> Tree {
             }
         }
     }
+    for (index, layer) in tree.layers.iter_mut().enumerate() {
+        for pixel in 0..layer.front.len() {
+            let mut value = |usual: f32| match random.below(16) {
+                0 | 1 if extremes => EXTREMES[random.below(EXTREMES.len() as u32) as usize],
+                _ => usual * (1.0 + 0.01 * random.unit()),
+            };
+            (layer.front[pixel], layer.back[pixel]) = (value(index as f32), value(index as f32 + 0.9));
+            for channel in &mut layer.source {
+                channel[pixel] = value(0.7);
+            }
+            layer.optical_depth[pixel] = value(0.2);
+            if random.below(4) == 0 {
+                layer.optical_depth[pixel] = 0.0;
+            }
+        }
+    }
     tree
 }
 
@@ -93,14 +111,30 @@ fn formats() -> impl Strategy<Value = FrameFormat> {
     let color = prop::sample::select(ColorFormat::ALL.to_vec());
     let depth = prop::sample::select(vec![DepthCoding::Relative, DepthCoding::Unfolded]);
     let shape_bits = prop_oneof![Just(0), FrameFormat::SHAPE_BITS];
-    (color, FrameFormat::DEPTH_BITS, FrameFormat::DEPTH_BITS, depth, FrameFormat::NORMAL_BITS, shape_bits).prop_map(
-        |(color, root_depth_bits, child_depth_bits, child_depth, normal_bits, shape_bits)| FrameFormat {
+    let widths = (FrameFormat::DEPTH_BITS, FrameFormat::DEPTH_BITS, FrameFormat::NORMAL_BITS, shape_bits);
+    (color, widths, depth, volume_formats()).prop_map(
+        |(color, (root_depth_bits, child_depth_bits, normal_bits, shape_bits), child_depth, volume)| FrameFormat {
             color,
             root_depth_bits,
             child_depth_bits,
             child_depth,
             normal_bits,
             shape_bits,
+            volume,
+        },
+    )
+}
+
+fn volume_formats() -> impl Strategy<Value = VolumeFormat> {
+    let source = prop::sample::select(ColorFormat::ALL.to_vec());
+    let layers = prop_oneof![Just(0), 1..=MAX_LAYERS as u8];
+    (layers, VolumeFormat::DEPTH_BITS, VolumeFormat::OPTICAL_DEPTH_BITS, source).prop_map(
+        |(layers, depth_bits, optical_depth_bits, source)| VolumeFormat {
+            layers,
+            depth_bits,
+            optical_depth_bits,
+            source,
+            ..VolumeFormat::NONE
         },
     )
 }
@@ -113,7 +147,15 @@ fn shapes() -> impl Strategy<Value = FrameShape> {
         |((width, height), plan, interfaces, format, strip_rows, exposure)| {
             let mut camera = Camera::symmetric(1.2, ImageSize::new(width, height));
             camera.fov.left *= 0.6;
-            FrameShape { camera, plan, interfaces: Interfaces(interfaces), format, strip_rows, exposure }
+            FrameShape {
+                camera,
+                plan,
+                interfaces: Interfaces(interfaces),
+                format,
+                volume: VolumeRange { near_m: 0.0, far_m: 12.0 },
+                strip_rows,
+                exposure,
+            }
         },
     )
 }
@@ -138,6 +180,10 @@ fn dirty(shape: &FrameShape) -> Tree {
         planes.interface.fill(99);
         let floats = planes.radiance.iter_mut().chain(&mut planes.normal).chain(&mut planes.shape);
         floats.for_each(|plane| plane.fill(f32::NAN));
+    }
+    for layer in &mut tree.layers {
+        let planes = [&mut layer.front, &mut layer.back, &mut layer.optical_depth].into_iter().chain(&mut layer.source);
+        planes.for_each(|plane| plane.fill(f32::NAN));
     }
     tree
 }
@@ -276,6 +322,16 @@ fn assert_valid(tree: &Tree) {
             if let Some(shape) = planes.shape_at(pixel) {
                 assert!(shape.to_array().iter().all(|entry| entry.is_finite()), "{shape:?}");
             }
+        }
+    }
+    for pixel in 0..tree.layers.first().map_or(0, |layer| layer.front.len()) {
+        let mut last_back = 0.0;
+        for layer in &tree.layers {
+            assert!(layer.optical_depth[pixel] >= 0.0 && layer.optical_depth[pixel] < 24.1);
+            let Some(segment) = layer.at(pixel) else { continue };
+            assert!(segment.front_m >= last_back && segment.back_m > segment.front_m, "{last_back} {segment:?}");
+            assert!(segment.source.is_finite() && segment.source.min_element() >= 0.0, "{segment:?}");
+            last_back = segment.back_m;
         }
     }
 }
@@ -429,6 +485,7 @@ fn small_shape() -> FrameShape {
         plan: Plan::solid(),
         interfaces: Interfaces(vec![Interface::Mirror, Interface::Dielectric { eta: 1.5 }]),
         format: FrameFormat::default(),
+        volume: VolumeRange::default(),
         strip_rows: 4,
         exposure: 1.0,
     }
@@ -504,7 +561,7 @@ fn what_is_no_strip_of_the_frame_is_refused_by_name() {
     assert!(refused(4, 2).contains("number of planes"));
     assert!(refused(plane, 1).contains("order of planes"), "node");
     assert!(refused(plane + 1, 3).contains("order of planes"), "kind");
-    assert!(refused(plane + 1, 16).contains("kind of plane: 16"), "volume layers");
+    assert!(refused(plane + 1, 15).contains("kind of plane: 15"), "no kind");
     assert!(refused(plane + 5, 0x80).contains("scale of plane"), "negative white");
 
     let no_strips = FrameShape { strip_rows: 0, ..shape.clone() };

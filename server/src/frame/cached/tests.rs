@@ -29,7 +29,7 @@ impl Viewer {
             renderer: FrameRenderer::new(Arc::new(scene)),
             live: LiveFrames::new(CacheSettings { log2_blocks: 14, max_samples: 1e5 }),
             tree: Tree::new(pose, camera, Plan::diffuse(), Interfaces::default()),
-            request: FrameRequest { render_pose: pose, camera, plan, spp: 1, max_depth, seed: 0 },
+            request: FrameRequest { render_pose: pose, camera, plan, volume: None, spp: 1, max_depth, seed: 0 },
         }
     }
 
@@ -73,7 +73,7 @@ impl Viewer {
     }
 
     fn path_traced(&mut self, spp: u32, seed: u64) -> Vec<Vec3> {
-        let request = FrameRequest { spp, seed, ..self.request.clone() };
+        let request = FrameRequest { volume: None, spp, seed, ..self.request.clone() };
         let mut tree = self.tree.clone();
         self.renderer.render(&request, &mut tree, &Counters::default(), &|_| {});
         let mut picture = vec![Vec3::ZERO; tree.camera.size.pixels()];

@@ -32,7 +32,7 @@ impl Viewer {
             renderer: FrameRenderer::new(Arc::new(scene)),
             live: if denoises { LiveFrames::new(settings) } else { LiveFrames::without_denoiser(settings) },
             tree: Tree::new(pose, camera, plan.clone(), Interfaces::default()),
-            request: FrameRequest { render_pose: pose, camera, plan, spp: 1, max_depth: 8, seed: 0 },
+            request: FrameRequest { render_pose: pose, camera, plan, volume: None, spp: 1, max_depth: 8, seed: 0 },
         }
     }
 
@@ -65,7 +65,7 @@ impl Viewer {
     }
 
     fn converged(&self, spp: u32, seed: u64) -> Vec<Vec3> {
-        let request = FrameRequest { spp, seed: 1000 + seed, ..self.request.clone() };
+        let request = FrameRequest { volume: None, spp, seed: 1000 + seed, ..self.request.clone() };
         let mut tree = self.tree.clone();
         self.renderer.render(&request, &mut tree, &Counters::default(), &|_| {});
         picture(&tree)

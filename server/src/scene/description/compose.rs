@@ -11,12 +11,13 @@ use super::lights::light;
 use super::materials::{MaterialEntry, material};
 use super::motions::motion;
 use super::place::{pose, transform};
+use super::volumes::{VolumeKeys, check_total, volume};
 use super::{
     Description, EnvironmentKeys, MAX_RADIANCE, Rgb, ShapeKeys, TexelFilterKey, TextureEntry, WaveKeys, WrapKey,
     index_of,
 };
 use glam::{DAffine3, Vec2, Vec3};
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::path::{Path, PathBuf};
 use warplight_protocol::Pose;
 
@@ -38,7 +39,8 @@ pub(in super::super) fn compose(
     let top = Section { file, name: String::new() };
     let items = description.shape.len() + description.material.len() + description.texture.len();
     let items = items + description.light.len() + description.camera.len() + description.motion.len();
-    check_limit(file, "shapes, materials, textures, lights, cameras and motions", MAX_ITEMS, items as u64)?;
+    let items = items + description.volume.len();
+    check_limit(file, "shapes, volumes, materials, textures, lights, cameras and motions", MAX_ITEMS, items as u64)?;
 
     let exposure = top.number("exposure", description.exposure, 1e-6..=1e6)?;
     let head = description
@@ -52,6 +54,8 @@ pub(in super::super) fn compose(
         textures: HashMap::new(),
         materials: HashMap::new(),
         image_bytes: 0,
+        volumes: HashSet::new(),
+        volume_values: 0,
     };
     for camera in &description.camera {
         let section = Section { file, name: format!("camera '{}'", camera.name.escape_debug()) };
@@ -67,6 +71,7 @@ pub(in super::super) fn compose(
     for (index, shape) in description.shape.iter().enumerate() {
         composer.shape(index, shape)?;
     }
+    description.volume.iter().try_for_each(|keys| composer.volume(keys))?;
     for (index, keys) in description.light.iter().enumerate() {
         let section = Section { file, name: format!("light {}", index + 1) };
         let (light, at) = light(&section, keys)?;
@@ -90,6 +95,10 @@ struct Composer<'a> {
     materials: HashMap<String, u32>,
     /// Bytes of texels so far.
     image_bytes: u64,
+    /// Names of volumes.
+    volumes: HashSet<String>,
+    /// Values of grids so far.
+    volume_values: u64,
 }
 
 impl Composer<'_> {
@@ -259,6 +268,21 @@ impl Composer<'_> {
             }
         };
         self.part.place(&mesh, &world_from_shape, self.file, |_| material)
+    }
+
+    fn volume(&mut self, keys: &VolumeKeys) -> Result<(), SceneError> {
+        let section = self.section("volume", &keys.name);
+        let made = volume(&section, keys, self.part.media.len() as u32, |file| self.path(&section, file))?;
+        if !self.volumes.insert(keys.name.clone()) {
+            return Err(self.section("volume", &keys.name).error("name", "a name of its own", "one that is taken"));
+        }
+        self.volume_values += made.values;
+        check_total(self.file, self.volume_values)?;
+        let material = self.part.materials.len() as u32;
+        self.part.materials.push(made.material);
+        self.part.media.push((made.medium, made.world_from_unit));
+        self.part.warnings.extend(made.warnings);
+        self.part.place(&made.boundary, &made.world_from_unit, self.file, |_| material)
     }
 
     fn environment(&mut self, keys: &EnvironmentKeys) -> Result<Environment, SceneError> {

@@ -25,6 +25,8 @@ fn folder_with_files() -> tempfile::TempDir {
     bytes.extend(b"JSON");
     bytes.extend(json.as_bytes());
     std::fs::write(path("vase.glb"), bytes).unwrap();
+    let scan = "NRRD0004\ntype: int16\ndimension: 3\nsizes: 2 1 1\nendian: little\nencoding: raw\n\n\0\0\x01\0";
+    std::fs::write(path("scan.nrrd"), scan).unwrap();
     folder
 }
 
@@ -70,6 +72,12 @@ fn every_key_is_documented() {
     let image = "[[texture]]\nname = \"a\"\nkind = \"image\"\nfile = \"a\"";
     texts.extend([format!("{image}\nwrap = \"none\""), format!("{image}\nfilter = \"none\"")]);
     texts.extend(with_kind("shape", &["sphere", "box", "quad", "cylinder", "water", "mesh", "none"]));
+    texts.push("[[volume]]\nno_such_key = 1".to_owned());
+    texts.push("[[volume]]\nup = \"none\"".to_owned());
+    texts.extend(
+        ["file", "cloud", "clouds", "phantom", "shells", "none"]
+            .map(|kind| format!("[[volume]]\nname = \"a\"\nsource = {{ kind = \"{kind}\", no_such_key = 1 }}\n")),
+    );
     let mut keys = BTreeSet::new();
     for text in texts {
         let line = parse("x.toml", &text).unwrap_err().to_string();

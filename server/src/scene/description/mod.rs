@@ -13,6 +13,7 @@ mod material_tests;
 mod materials;
 mod motions;
 mod place;
+mod volumes;
 
 pub(super) use compose::compose;
 
@@ -24,6 +25,7 @@ use materials::MaterialEntry;
 use motions::MotionKeys;
 use serde::Deserialize;
 use std::collections::{BTreeMap, HashMap};
+use volumes::VolumeKeys;
 
 /// A whole scene file.
 #[derive(Debug, Deserialize)]
@@ -43,6 +45,8 @@ pub(super) struct Description {
     light: Vec<LightKeys>,
     #[serde(default)]
     shape: Vec<ShapeKeys>,
+    #[serde(default)]
+    volume: Vec<VolumeKeys>,
     #[serde(default)]
     motion: Vec<MotionKeys>,
 }
@@ -358,7 +362,7 @@ mod tests {
         assert_eq!(
             error("exposure = 1\nexposrue = 2\n"),
             "x.toml: line 2, column 1: unknown field `exposrue`, expected one of `exposure`, `head`, `camera`, \
-             `environment`, `texture`, `material`, `light`, `shape`, `motion`"
+             `environment`, `texture`, `material`, `light`, `shape`, `volume`, `motion`"
         );
         let nested =
             error("[[shape]]\nkind = \"sphere\"\nmaterial = \"a\"\ncentre = [0, 0, 0]\nradius = 1\ncolour = 3\n");

@@ -12,6 +12,7 @@
 mod bsdf;
 mod emitter;
 mod ior;
+mod medium;
 mod node;
 mod primitives;
 mod sensor;
@@ -43,6 +44,7 @@ fn compose(tree: &Tree) -> Result<(Part, Option<Environment>), SceneError> {
         environment: None,
         textures: HashMap::new(),
         materials: HashMap::new(),
+        media: HashMap::new(),
         image_bytes: 0,
         notes: BTreeMap::new(),
     };
@@ -76,7 +78,9 @@ struct Loader<'a> {
     textures: HashMap<(*const Node, Option<bool>), Option<u32>>,
     /// Materials by their element, without emission.
     materials: HashMap<*const Node, Material>,
-    /// Of images so far.
+    /// Indices of media by their element.
+    media: HashMap<*const Node, u32>,
+    /// Of images and grids so far.
     image_bytes: u64,
     /// Who asked for what is left out.
     notes: BTreeMap<String, Vec<String>>,

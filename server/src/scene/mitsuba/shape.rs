@@ -128,12 +128,17 @@ impl<'a> Loader<'a> {
         let node = plugin.node;
         let mut bsdf = None;
         let mut light = None;
+        let (mut interior, mut exterior) = (None, None);
         for child in plugin.children(|child| matches!(child.tag, "bsdf" | "emitter" | "ref" | "medium" | "sensor")) {
             let found = self.resolve(child)?;
             match found.tag {
                 "bsdf" => bsdf = Some(found),
                 "emitter" => light = Some(found),
-                "medium" => self.note("media are left out", &node.label()),
+                "medium" => match child.name() {
+                    "exterior" => exterior = Some(self.medium(found)?),
+                    "interior" => interior = Some(self.medium(found)?),
+                    other => return Err(child.value_error("a medium of name interior or exterior", other)),
+                },
                 other => self.note(format!("<{other}> of a shape is left out"), &node.label()),
             }
         }
@@ -144,6 +149,7 @@ impl<'a> Loader<'a> {
                 ..Material::new(node.label(), Surface::Diffuse { albedo: Color::Constant(Vec3::splat(0.5)) })
             },
         };
+        (material.interior, material.exterior) = (interior, exterior);
         if let Some(light) = light {
             if light.kind() != "area" {
                 return Err(light.value_error("an emitter of type area within a shape", light.kind()));

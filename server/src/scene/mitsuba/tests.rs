@@ -367,7 +367,7 @@ fn meshes_without_normals_are_smooth_unless_told() {
 fn what_is_left_out_is_named_once() {
     let (part, _) = read_in(
         Path::new(""),
-        "<medium type='homogeneous' id='m'/><shape type='cube' id='box'><bsdf type='null'/><ref name='interior' id='m'/></shape>\
+        "<medium type='homogeneous' id='m'><phase type='rayleigh'/></medium><shape type='cube' id='box'><bsdf type='null'/><ref name='interior' id='m'/></shape>\
          <shape type='serialized'/><shape type='cube' id='other'><ref name='interior' id='m'/><float name='colour' value='1'/></shape>\
          <emitter type='sunsky'/><sensor type='orthographic'/><sensor type='perspective'><film type='hdrfilm'>\
          <rfilter type='gaussian'/><integer name='crop_width' value='3'/></film></sensor>\
@@ -376,7 +376,7 @@ fn what_is_left_out_is_named_once() {
     .unwrap();
     let lines = part.warnings.join("\n");
     for what in [
-        "media are left out: 'box', 'other'",
+        "phase functions of type 'rayleigh' become isotropic",
         "shapes of type 'serialized' are left out",
         "the parameter 'colour' of a shape of type 'cube' is not used: 'other'",
         "emitters of type 'sunsky' are left out",
@@ -461,4 +461,79 @@ fn boundaries_of_media_are_not_there() {
     let scene = Scene::load(&path.to_string_lossy()).unwrap();
     assert_eq!((scene.mesh.triangles.len(), scene.spheres.len(), scene.name.as_str()), (0, 1, "fog"));
     assert!((scene.cameras[0].vertical_fov_rad - FRAC_PI_2 as f32).abs() < 1.0);
+}
+
+#[test]
+fn media_are_read_once_and_named_by_the_materials_of_their_shapes() {
+    let folder = tempfile::tempdir().unwrap();
+    // Mitsuba's grid: head, 2x1x1 values of one channel, the box from 0 to 2.
+    let mut bytes = b"VOL\x03".to_vec();
+    bytes.extend([1_i32, 2, 1, 1, 1].iter().flat_map(|word| word.to_le_bytes()));
+    bytes.extend([0.0_f32, 0.0, 0.0, 2.0, 2.0, 2.0, 0.25, 0.75].iter().flat_map(|word| word.to_le_bytes()));
+    std::fs::write(folder.path().join("a.vol"), bytes).unwrap();
+    let grid = |extra: &str| {
+        format!(
+            "<medium type='heterogeneous' id='g'><float name='scale' value='4'/><volume name='sigma_t' type='gridvolume'>\
+             <string name='filename' value='a.vol'/><transform name='to_world'><translate x='1'/></transform>{extra}</volume>\
+             <volume name='albedo' type='constvolume'><rgb name='value' value='0.5, 0.6, 0.7'/></volume></medium>\
+             <shape type='cube'><bsdf type='null'/><ref name='interior' id='g'/></shape>"
+        )
+    };
+    let (part, _) = read_in(
+        folder.path(),
+        &format!(
+            "<medium type='homogeneous' id='m'><rgb name='sigma_t' value='1, 2, 3'/><float name='scale' value='2'/>\
+             <float name='albedo' value='0.9'/><phase type='hg'><float name='g' value='-0.4'/></phase></medium>{}\
+             <shape type='cube'><bsdf type='null'/><ref name='interior' id='m'/></shape>\
+             <shape type='sphere'><bsdf type='dielectric'/><ref name='interior' id='g'/><ref name='exterior' id='m'/></shape>\
+             <emitter type='constant'/>",
+            grid("")
+        ),
+    )
+    .unwrap();
+    assert_eq!(part.warnings, Vec::<String>::new());
+    let bounded: Vec<_> = part.materials.iter().map(|material| (material.interior, material.exterior)).collect();
+    assert_eq!(bounded, [(Some(0), None), (Some(1), None), (Some(0), Some(1))]);
+    let media = part.placed_media();
+    assert_eq!((media.len(), media[1].phase.g), (2, -0.4));
+    let fog = media[1].at(Vec3::splat(9.0));
+    assert_eq!(fog.extinction, Vec3::new(2.0, 4.0, 6.0));
+    assert!((fog.scattering - 0.9 * fog.extinction).abs().max_element() < 1e-6);
+    // The unit cube stands at (1, 0, 0); a quarter of the way is the middle of the first cell.
+    let smoke = media[0].at(Vec3::new(1.25, 0.5, 0.5));
+    assert!((smoke.extinction - 1.0).abs().max_element() < 1e-6, "{smoke:?}");
+    assert!((smoke.scattering - Vec3::new(0.5, 0.6, 0.7)).abs().max_element() < 1e-6);
+    assert_eq!(media[0].at(Vec3::new(2.5, 0.5, 0.5)).extinction, Vec3::ZERO);
+    let boxed = grid("<boolean name='use_grid_bbox' value='true'/>");
+    let (part, _) = read_in(folder.path(), &format!("{boxed}<emitter type='constant'/>")).unwrap();
+    assert!((part.placed_media()[0].at(Vec3::new(2.5, 1.0, 1.0)).extinction - 3.0).abs().max_element() < 1e-6);
+}
+
+#[test]
+fn media_that_make_no_sense_are_errors_with_their_place() {
+    for (medium, part) in [
+        ("<medium type='fog' id='m'/>", "expected a medium of type homogeneous or heterogeneous, found 'fog'"),
+        ("<medium type='homogeneous' id='m'><rgb name='albedo' value='2'/></medium>", "expected values from 0 to 1"),
+        ("<medium type='homogeneous' id='m'><rgb name='sigma_t' value='-1'/></medium>", "expected values from 0 to"),
+        (
+            "<medium type='homogeneous' id='m'><phase type='hg'><float name='g' value='1.5'/></phase></medium>",
+            "expected a number from -0.999",
+        ),
+        ("<medium type='homogeneous' id='m'><phase type='pgh'/></medium>", "a phase function of type isotropic or hg"),
+        (
+            "<medium type='heterogeneous' id='m'><volume name='sigma_t' type='gridvolume'/></medium>",
+            "the parameter 'filename'",
+        ),
+        (
+            "<medium type='heterogeneous' id='m'><volume name='sigma_t' type='noise'/></medium>",
+            "gridvolume or constvolume",
+        ),
+    ] {
+        let shape = "<shape type='cube'><bsdf type='null'/><ref name='interior' id='m'/></shape>";
+        let line = read_in(Path::new(""), &format!("{medium}{shape}")).unwrap_err().to_string();
+        assert!(line.contains(part) && line.contains("line 2") && !line.contains('\n'), "{line}");
+    }
+    let unnamed = "<medium type='homogeneous' id='m'/><shape type='cube'><ref id='m'/></shape>";
+    let line = read_in(Path::new(""), unnamed).unwrap_err().to_string();
+    assert!(line.contains("a medium of name interior or exterior"), "{line}");
 }

@@ -174,7 +174,7 @@ impl<'a> Loader<'a> {
     }
 
     /// Counts what an image holds.
-    fn count(&mut self, plugin: &Plugin<'a>, bytes: u64) -> Result<(), SceneError> {
+    pub(super) fn count(&mut self, plugin: &Plugin<'a>, bytes: u64) -> Result<(), SceneError> {
         self.image_bytes += bytes;
         check_limit(&plugin.node.place.file.name, "bytes of images", MAX_IMAGE_BYTES, self.image_bytes)
     }
@@ -262,7 +262,7 @@ impl<'a> Loader<'a> {
 }
 
 /// Largest value of what is no reflectance.
-const MAX_VALUE: f32 = 1e9;
+pub(super) const MAX_VALUE: f32 = 1e9;
 
 /// A colour: three numbers or one, linear; or #rrggbb, sRGB.
 fn rgb(node: &Node) -> Result<Vec3, SceneError> {

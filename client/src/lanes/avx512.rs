@@ -5,8 +5,8 @@
 //! only inside such a kernel do they become single instructions.
 #![allow(unsafe_code, reason = "intrinsics; see above. What reads or writes memory says why it may")]
 
+use super::texel::Texel;
 use super::{Floats, Integers, Mask, shortest};
-use crate::warp::texture::Texel;
 use glam::Vec4;
 use std::arch::x86_64::*;
 use std::ops::{Add, BitAnd, BitOr, Div, Mul, Neg, Not, Sub};
@@ -15,15 +15,15 @@ const LANES: usize = 16;
 
 /// Sixteen floats.
 #[derive(Clone, Copy, Debug)]
-pub(in crate::warp) struct F32x16(__m512);
+pub(crate) struct F32x16(__m512);
 
 /// Sixteen integers.
 #[derive(Clone, Copy, Debug)]
-pub(in crate::warp) struct I32x16(__m512i);
+pub(crate) struct I32x16(__m512i);
 
 /// Sixteen truth values.
 #[derive(Clone, Copy, Debug)]
-pub(in crate::warp) struct Mask16(__mmask16);
+pub(crate) struct Mask16(__mmask16);
 
 macro_rules! binary {
     ($type:ident, $($trait:ident $method:ident $intrinsic:ident);* $(;)?) => {$(
@@ -102,6 +102,21 @@ impl Integers for I32x16 {
     fn shift_up(self) -> I32x16 {
         // SAFETY: arithmetic, in a kernel of this level.
         I32x16(unsafe { _mm512_slli_epi32::<16>(self.0) })
+    }
+    #[inline(always)]
+    fn shift_left_23(self) -> I32x16 {
+        // SAFETY: arithmetic, in a kernel of this level.
+        I32x16(unsafe { _mm512_slli_epi32::<23>(self.0) })
+    }
+    #[inline(always)]
+    fn shift_down(self) -> I32x16 {
+        // SAFETY: arithmetic, in a kernel of this level.
+        I32x16(unsafe { _mm512_srli_epi32::<16>(self.0) })
+    }
+    #[inline(always)]
+    fn lower_half(self) -> I32x16 {
+        // SAFETY: arithmetic, in a kernel of this level.
+        I32x16(unsafe { _mm512_and_si512(self.0, _mm512_set1_epi32(0xffff)) })
     }
     #[inline(always)]
     fn upper_half(self) -> I32x16 {
@@ -289,5 +304,79 @@ impl Floats for F32x16 {
             *found = I32x16(unsafe { _mm512_i32gather_epi32::<4>(index.0, plane.as_ptr().cast()) });
         }
         found
+    }
+    #[inline(always)]
+    fn gather_records<const N: usize>(from: &[u32], first: I32x16) -> [I32x16; N] {
+        first.check((from.len() + 1).saturating_sub(N));
+        let mut found = [I32x16::splat(0); N];
+        let mut word = 0;
+        while word < N {
+            // SAFETY: every record was just found to be inside, and these are words of it.
+            unsafe {
+                let from = from.as_ptr().add(word);
+                match N - word {
+                    1 => found[word] = single(from, first),
+                    2 | 3 => found[word..word + 2].copy_from_slice(&pairs(from, first)),
+                    _ => found[word..word + 4].copy_from_slice(&quads(from, first)),
+                }
+            }
+            word += if N - word >= 4 {
+                4
+            } else if N - word >= 2 {
+                2
+            } else {
+                1
+            };
+        }
+        found
+    }
+}
+
+/// A word of each lane.
+///
+/// # Safety
+/// It must be there; in a kernel of this level. So for the following.
+#[inline(always)]
+unsafe fn single(from: *const u32, first: I32x16) -> I32x16 {
+    // SAFETY: as said.
+    I32x16(unsafe { _mm512_i32gather_epi32::<4>(first.0, from.cast()) })
+}
+
+/// Two words of each lane: half as many loads as words.
+#[inline(always)]
+unsafe fn pairs(from: *const u32, first: I32x16) -> [I32x16; 2] {
+    // SAFETY: as said.
+    unsafe {
+        let low = _mm512_i32gather_epi64::<4>(_mm512_castsi512_si256(first.0), from.cast());
+        let high = _mm512_i32gather_epi64::<4>(_mm512_extracti64x4_epi64::<1>(first.0), from.cast());
+        let even = _mm512_setr_epi32(0, 2, 4, 6, 8, 10, 12, 14, 16, 18, 20, 22, 24, 26, 28, 30);
+        let odd = _mm512_setr_epi32(1, 3, 5, 7, 9, 11, 13, 15, 17, 19, 21, 23, 25, 27, 29, 31);
+        [I32x16(_mm512_permutex2var_epi32(low, even, high)), I32x16(_mm512_permutex2var_epi32(low, odd, high))]
+    }
+}
+
+/// Four words of each lane: one load of 16 bytes each, and a transposition.
+#[inline(always)]
+unsafe fn quads(from: *const u32, first: I32x16) -> [I32x16; 4] {
+    let mut at = [0_u32; LANES];
+    first.store(&mut at, 0);
+    // SAFETY: as said.
+    unsafe {
+        let mut rows = [_mm512_setzero_si512(); 4];
+        for (lane, row) in rows.iter_mut().enumerate() {
+            *row = _mm512_castsi128_si512(_mm_loadu_si128(from.add(at[lane] as usize).cast()));
+            *row = _mm512_inserti32x4::<1>(*row, _mm_loadu_si128(from.add(at[lane + 4] as usize).cast()));
+            *row = _mm512_inserti32x4::<2>(*row, _mm_loadu_si128(from.add(at[lane + 8] as usize).cast()));
+            *row = _mm512_inserti32x4::<3>(*row, _mm_loadu_si128(from.add(at[lane + 12] as usize).cast()));
+        }
+        let [a, b, c, d] = rows;
+        let (ab, cd) = (_mm512_unpacklo_epi32(a, b), _mm512_unpacklo_epi32(c, d));
+        let (ab_high, cd_high) = (_mm512_unpackhi_epi32(a, b), _mm512_unpackhi_epi32(c, d));
+        [
+            I32x16(_mm512_unpacklo_epi64(ab, cd)),
+            I32x16(_mm512_unpackhi_epi64(ab, cd)),
+            I32x16(_mm512_unpacklo_epi64(ab_high, cd_high)),
+            I32x16(_mm512_unpackhi_epi64(ab_high, cd_high)),
+        ]
     }
 }

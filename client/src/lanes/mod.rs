@@ -1,8 +1,8 @@
-//! Several pixels at once: the vocabulary in which the kernels of the warp are written.
+//! Several pixels at once: the vocabulary in which the kernels of warp and march are written.
 //!
 //! A kernel is a generic function over [`Floats`]. Three types speak that language: sixteen floats of AVX-512, eight
 //! of AVX2 with fused multiplication and addition, and an array of eight that any compiler vectorises as well as the
-//! processor allows (SSE2, NEON). [`Level`] says at run time which to use, and [`kernel!`](super::lanes::kernel)
+//! processor allows (SSE2, NEON). [`Level`] says at run time which to use, and [`kernel!`](crate::lanes::kernel)
 //! compiles a kernel once for each.
 //!
 //! Everything that is unsafe about it stays in this folder: what an instruction set needs is checked by [`Level`],
@@ -14,25 +14,26 @@ mod avx2;
 #[cfg(target_arch = "x86_64")]
 mod avx512;
 mod portable;
+mod texel;
 mod vector;
 
 #[cfg(target_arch = "x86_64")]
-pub(super) use avx2::F32x8;
+pub(crate) use avx2::F32x8;
 #[cfg(target_arch = "x86_64")]
-pub(super) use avx512::F32x16;
-pub(super) use portable::Portable;
-pub(super) use vector::Vector;
+pub(crate) use avx512::F32x16;
+pub(crate) use portable::Portable;
+pub(crate) use texel::{OFFSET, Texel, pack, unpack};
+pub(crate) use vector::Vector;
 
-use super::texture::Texel;
 use glam::Vec4;
 use std::ops::{Add, BitAnd, BitOr, Div, Mul, Neg, Not, Sub};
 
 /// Most lanes of any level: room for one vector on the stack.
-pub(super) const MAX_LANES: usize = 16;
+pub(crate) const MAX_LANES: usize = 16;
 
 /// What this machine can do.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Level {
+pub(crate) enum Level {
     /// Arrays, vectorised by the compiler.
     Portable,
     /// AVX2 and FMA.
@@ -45,7 +46,7 @@ pub(super) enum Level {
 
 impl Level {
     /// Every level that this machine has, the plainest first.
-    pub(super) fn available() -> impl Iterator<Item = Level> {
+    pub(crate) fn available() -> impl Iterator<Item = Level> {
         #[cfg(target_arch = "x86_64")]
         let more = [
             (is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma")).then_some(Level::Avx2),
@@ -54,6 +55,27 @@ impl Level {
         #[cfg(not(target_arch = "x86_64"))]
         let more = [None, None];
         std::iter::once(Level::Portable).chain(more.into_iter().flatten())
+    }
+
+    /// Name in benches and on the command line.
+    pub(crate) fn name(self) -> &'static str {
+        match self {
+            Level::Portable => "portable",
+            #[cfg(target_arch = "x86_64")]
+            Level::Avx2 => "avx2",
+            #[cfg(target_arch = "x86_64")]
+            Level::Avx512 => "avx512",
+        }
+    }
+}
+
+impl std::str::FromStr for Level {
+    type Err = String;
+    fn from_str(text: &str) -> Result<Level, String> {
+        Level::available().find(|level| level.name() == text).ok_or_else(|| {
+            let names: Vec<&str> = Level::available().map(Level::name).collect();
+            format!("expected one that this machine has ({}), found '{text}'", names.join(", "))
+        })
     }
 }
 
@@ -65,7 +87,7 @@ impl Default for Level {
 }
 
 /// Truth values, one per lane.
-pub(super) trait Mask: Copy + BitAnd<Output = Self> + BitOr<Output = Self> + Not<Output = Self> {
+pub(crate) trait Mask: Copy + BitAnd<Output = Self> + BitOr<Output = Self> + Not<Output = Self> {
     /// One bit per lane, the first lowest.
     fn bits(self) -> u32;
     /// Whether any lane is true.
@@ -76,7 +98,7 @@ pub(super) trait Mask: Copy + BitAnd<Output = Self> + BitOr<Output = Self> + Not
 }
 
 /// Integers of 32 bits, one per lane.
-pub(super) trait Integers: Copy + Add<Output = Self> + Mul<Output = Self> {
+pub(crate) trait Integers: Copy + Add<Output = Self> + Mul<Output = Self> {
     /// The floats that go with them.
     type Floats: Floats<Integers = Self>;
     /// The same in every lane.
@@ -87,6 +109,12 @@ pub(super) trait Integers: Copy + Add<Output = Self> + Mul<Output = Self> {
     fn as_floats(self) -> Self::Floats;
     /// Shifts left by half a word: the lower of two packed `bf16` as a float's bits.
     fn shift_up(self) -> Self;
+    /// Shifts left into the place of a float's exponent.
+    fn shift_left_23(self) -> Self;
+    /// The upper half word as a number.
+    fn shift_down(self) -> Self;
+    /// The lower half word as a number.
+    fn lower_half(self) -> Self;
     /// Keeps the upper half word: the upper of two packed `bf16` as a float's bits.
     fn upper_half(self) -> Self;
     /// Stores the lanes.
@@ -96,7 +124,7 @@ pub(super) trait Integers: Copy + Add<Output = Self> + Mul<Output = Self> {
 }
 
 /// Floats of 32 bits, one per lane.
-pub(super) trait Floats:
+pub(crate) trait Floats:
     Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> + Div<Output = Self> + Neg<Output = Self>
 {
     /// How many.
@@ -143,6 +171,9 @@ pub(super) trait Floats:
     /// `from[index]` of each plane. Panics where an index is beyond the end of any.
     fn gather_words<const N: usize>(from: [&[u32]; N], index: Self::Integers) -> [Self::Integers; N];
 
+    /// `from[first..first + N]` of each lane: records of words, `N` being 1, 2, 4 or 8. Panics where one is not all there.
+    fn gather_records<const N: usize>(from: &[u32], first: Self::Integers) -> [Self::Integers; N];
+
     /// Zero.
     #[inline(always)]
     fn zero() -> Self {
@@ -177,7 +208,7 @@ fn shortest<T>(planes: &[&[T]]) -> usize {
 
 /// Words as floats of the same bits.
 #[inline(always)]
-pub(super) fn as_floats<I: Integers, const N: usize>(words: [I; N]) -> [I::Floats; N] {
+pub(crate) fn as_floats<I: Integers, const N: usize>(words: [I; N]) -> [I::Floats; N] {
     let mut floats = [I::Floats::zero(); N];
     for (float, word) in floats.iter_mut().zip(words) {
         *float = word.as_floats();
@@ -195,20 +226,20 @@ macro_rules! kernel {
         $(#[$meta])*
         #[allow(clippy::too_many_arguments)]
         #[allow(unsafe_code, reason = "calls a function compiled for an instruction set that the level says is there")]
-        $vis fn $name(level: $crate::warp::lanes::Level, $($argument: $kind),*) $(-> $result)? {
-            use $crate::warp::lanes::Level;
+        $vis fn $name(level: $crate::lanes::Level, $($argument: $kind),*) $(-> $result)? {
+            use $crate::lanes::Level;
             #[cfg(target_arch = "x86_64")]
             #[target_feature(enable = "avx2,fma")]
             fn avx2($($argument: $kind),*) $(-> $result)? {
-                $generic::<$crate::warp::lanes::F32x8>($($argument),*)
+                $generic::<$crate::lanes::F32x8>($($argument),*)
             }
             #[cfg(target_arch = "x86_64")]
             #[target_feature(enable = "avx512f,avx2,fma")]
             fn avx512($($argument: $kind),*) $(-> $result)? {
-                $generic::<$crate::warp::lanes::F32x16>($($argument),*)
+                $generic::<$crate::lanes::F32x16>($($argument),*)
             }
             match level {
-                Level::Portable => $generic::<$crate::warp::lanes::Portable>($($argument),*),
+                Level::Portable => $generic::<$crate::lanes::Portable>($($argument),*),
                 // SAFETY: `Level::available` offers this level only where the processor has AVX2 and FMA.
                 #[cfg(target_arch = "x86_64")]
                 Level::Avx2 => unsafe { avx2($($argument),*) },
@@ -220,7 +251,7 @@ macro_rules! kernel {
         }
     };
 }
-pub(super) use kernel;
+pub(crate) use kernel;
 
 #[cfg(test)]
 mod tests;

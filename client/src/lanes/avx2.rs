@@ -5,8 +5,8 @@
 //! only inside such a kernel do they become single instructions.
 #![allow(unsafe_code, reason = "intrinsics; see above. What reads or writes memory says why it may")]
 
+use super::texel::{DROPPED, EXPONENT, Texel};
 use super::{Floats, Integers, Mask, shortest};
-use crate::warp::texture::{DROPPED, EXPONENT, Texel};
 use glam::Vec4;
 use std::arch::x86_64::*;
 use std::ops::{Add, BitAnd, BitOr, Div, Mul, Neg, Not, Sub};
@@ -15,15 +15,15 @@ const LANES: usize = 8;
 
 /// Eight floats.
 #[derive(Clone, Copy, Debug)]
-pub(in crate::warp) struct F32x8(__m256);
+pub(crate) struct F32x8(__m256);
 
 /// Eight integers.
 #[derive(Clone, Copy, Debug)]
-pub(in crate::warp) struct I32x8(__m256i);
+pub(crate) struct I32x8(__m256i);
 
 /// Eight truth values.
 #[derive(Clone, Copy, Debug)]
-pub(in crate::warp) struct Mask8(__m256);
+pub(crate) struct Mask8(__m256);
 
 macro_rules! binary {
     ($type:ident, $($trait:ident $method:ident $intrinsic:ident);* $(;)?) => {$(
@@ -89,6 +89,21 @@ impl Integers for I32x8 {
     fn shift_up(self) -> I32x8 {
         // SAFETY: arithmetic, in a kernel of this level.
         I32x8(unsafe { _mm256_slli_epi32::<16>(self.0) })
+    }
+    #[inline(always)]
+    fn shift_left_23(self) -> I32x8 {
+        // SAFETY: arithmetic, in a kernel of this level.
+        I32x8(unsafe { _mm256_slli_epi32::<23>(self.0) })
+    }
+    #[inline(always)]
+    fn shift_down(self) -> I32x8 {
+        // SAFETY: arithmetic, in a kernel of this level.
+        I32x8(unsafe { _mm256_srli_epi32::<16>(self.0) })
+    }
+    #[inline(always)]
+    fn lower_half(self) -> I32x8 {
+        // SAFETY: arithmetic, in a kernel of this level.
+        I32x8(unsafe { _mm256_and_si256(self.0, _mm256_set1_epi32(0xffff)) })
     }
     #[inline(always)]
     fn upper_half(self) -> I32x8 {
@@ -272,6 +287,79 @@ impl Floats for F32x8 {
             *found = I32x8(unsafe { _mm256_i32gather_epi32::<4>(plane.as_ptr().cast(), index.0) });
         }
         found
+    }
+    #[inline(always)]
+    fn gather_records<const N: usize>(from: &[u32], first: I32x8) -> [I32x8; N] {
+        first.check((from.len() + 1).saturating_sub(N));
+        let mut found = [I32x8::splat(0); N];
+        let mut word = 0;
+        while word < N {
+            // SAFETY: every record was just found to be inside, and these are words of it.
+            unsafe {
+                let from = from.as_ptr().add(word);
+                match N - word {
+                    1 => found[word] = single(from, first),
+                    2 | 3 => found[word..word + 2].copy_from_slice(&pairs(from, first)),
+                    _ => found[word..word + 4].copy_from_slice(&quads(from, first)),
+                }
+            }
+            word += if N - word >= 4 {
+                4
+            } else if N - word >= 2 {
+                2
+            } else {
+                1
+            };
+        }
+        found
+    }
+}
+
+/// A word of each lane.
+///
+/// # Safety
+/// It must be there; in a kernel of this level. So for the following.
+#[inline(always)]
+unsafe fn single(from: *const u32, first: I32x8) -> I32x8 {
+    // SAFETY: as said.
+    I32x8(unsafe { _mm256_i32gather_epi32::<4>(from.cast(), first.0) })
+}
+
+/// Two words of each lane: half as many loads as words.
+#[inline(always)]
+unsafe fn pairs(from: *const u32, first: I32x8) -> [I32x8; 2] {
+    // SAFETY: as said.
+    unsafe {
+        let low = _mm256_i32gather_epi64::<4>(from.cast(), _mm256_castsi256_si128(first.0));
+        let high = _mm256_i32gather_epi64::<4>(from.cast(), _mm256_extracti128_si256::<1>(first.0));
+        let (low, high) = (_mm256_castsi256_ps(low), _mm256_castsi256_ps(high));
+        let even = _mm256_castps_si256(_mm256_shuffle_ps::<0b10_00_10_00>(low, high));
+        let odd = _mm256_castps_si256(_mm256_shuffle_ps::<0b11_01_11_01>(low, high));
+        [I32x8(_mm256_permute4x64_epi64::<0b11_01_10_00>(even)), I32x8(_mm256_permute4x64_epi64::<0b11_01_10_00>(odd))]
+    }
+}
+
+/// Four words of each lane: one load of 16 bytes each, and a transposition.
+#[inline(always)]
+unsafe fn quads(from: *const u32, first: I32x8) -> [I32x8; 4] {
+    let mut at = [0_u32; LANES];
+    first.store(&mut at, 0);
+    // SAFETY: as said.
+    unsafe {
+        let mut rows = [_mm256_setzero_si256(); 4];
+        for (lane, row) in rows.iter_mut().enumerate() {
+            *row = _mm256_castsi128_si256(_mm_loadu_si128(from.add(at[lane] as usize).cast()));
+            *row = _mm256_inserti128_si256::<1>(*row, _mm_loadu_si128(from.add(at[lane + 4] as usize).cast()));
+        }
+        let [a, b, c, d] = rows;
+        let (ab, cd) = (_mm256_unpacklo_epi32(a, b), _mm256_unpacklo_epi32(c, d));
+        let (ab_high, cd_high) = (_mm256_unpackhi_epi32(a, b), _mm256_unpackhi_epi32(c, d));
+        [
+            I32x8(_mm256_unpacklo_epi64(ab, cd)),
+            I32x8(_mm256_unpackhi_epi64(ab, cd)),
+            I32x8(_mm256_unpacklo_epi64(ab_high, cd_high)),
+            I32x8(_mm256_unpackhi_epi64(ab_high, cd_high)),
+        ]
     }
 }
 

@@ -62,3 +62,39 @@ fn an_index_beyond_the_end_is_refused_by_every_level() {
         }
     }
 }
+
+#[test]
+fn every_level_gathers_whole_records_and_refuses_half_ones() {
+    #[inline(always)]
+    fn records<F: Floats, const N: usize>(words: &[u32], firsts: &[f32]) -> Vec<Vec<u32>> {
+        let found = F::gather_records::<N>(words, F::load(firsts, 0).truncate());
+        let mut lanes = Vec::new();
+        for word in found {
+            let mut stored = [0; MAX_LANES];
+            word.store(&mut stored, 0);
+            lanes.push(stored[..F::LANES].to_vec());
+        }
+        lanes
+    }
+    #[inline(always)]
+    fn all_sizes<F: Floats>(words: &[u32], firsts: &[f32]) -> [Vec<Vec<u32>>; 4] {
+        let (one, two) = (records::<F, 1>(words, firsts), records::<F, 2>(words, firsts));
+        [one, two, records::<F, 4>(words, firsts), records::<F, 8>(words, firsts)]
+    }
+    kernel!(fn run_all_sizes = all_sizes(words: &[u32], firsts: &[f32]) -> [Vec<Vec<u32>>; 4]);
+    let words: Vec<u32> = (0..100).map(|word| word * 0x0101_0101).collect();
+    let firsts: Vec<f32> = (0..MAX_LANES).map(|lane| (lane * 37 % 93) as f32).collect();
+    for level in Level::available() {
+        for (size, found) in [1, 2, 4, 8].into_iter().zip(run_all_sizes(level, &words, &firsts)) {
+            assert_eq!(found.len(), size);
+            for (word, lanes) in found.iter().enumerate() {
+                for (lane, value) in lanes.iter().enumerate() {
+                    assert_eq!(*value, words[firsts[lane] as usize + word], "{level:?} {size} {word} {lane}");
+                }
+            }
+        }
+        let beyond: Vec<f32> = firsts.iter().map(|first| first + 3.0).collect();
+        let past = std::panic::catch_unwind(|| run_all_sizes(level, &words, &beyond));
+        assert_eq!(past.is_err(), beyond.iter().any(|&first| first > 92.0), "{level:?}");
+    }
+}

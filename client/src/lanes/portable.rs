@@ -1,7 +1,7 @@
 //! Eight floats as an array: what every compiler turns into the vectors of its target.
 
+use super::texel::{Texel, unpack};
 use super::{Floats, Integers, Mask};
-use crate::warp::texture::{Texel, unpack};
 use glam::Vec4;
 use std::array::from_fn;
 use std::ops::{Add, BitAnd, BitOr, Div, Mul, Neg, Not, Sub};
@@ -10,15 +10,15 @@ const LANES: usize = 8;
 
 /// Eight floats.
 #[derive(Clone, Copy, Debug)]
-pub(in crate::warp) struct Portable([f32; LANES]);
+pub(crate) struct Portable([f32; LANES]);
 
 /// Eight integers.
 #[derive(Clone, Copy, Debug)]
-pub(in crate::warp) struct PortableIntegers([i32; LANES]);
+pub(crate) struct PortableIntegers([i32; LANES]);
 
 /// Eight truth values.
 #[derive(Clone, Copy, Debug)]
-pub(in crate::warp) struct PortableMask([bool; LANES]);
+pub(crate) struct PortableMask([bool; LANES]);
 
 macro_rules! lanewise {
     ($type:ident, $($trait:ident $method:ident |$a:ident, $b:ident| $result:expr);* $(;)?) => {$(
@@ -76,6 +76,18 @@ impl Integers for PortableIntegers {
     #[inline(always)]
     fn shift_up(self) -> PortableIntegers {
         PortableIntegers(self.0.map(|a| a << 16))
+    }
+    #[inline(always)]
+    fn shift_left_23(self) -> PortableIntegers {
+        PortableIntegers(self.0.map(|a| a << 23))
+    }
+    #[inline(always)]
+    fn shift_down(self) -> PortableIntegers {
+        PortableIntegers(self.0.map(|a| (a as u32 >> 16) as i32))
+    }
+    #[inline(always)]
+    fn lower_half(self) -> PortableIntegers {
+        PortableIntegers(self.0.map(|a| a & 0xffff))
     }
     #[inline(always)]
     fn upper_half(self) -> PortableIntegers {
@@ -186,5 +198,16 @@ impl Floats for Portable {
     #[inline(always)]
     fn gather_words<const N: usize>(from: [&[u32]; N], index: PortableIntegers) -> [PortableIntegers; N] {
         from.map(|plane| PortableIntegers(index.0.map(|index| plane[index as usize] as i32)))
+    }
+    #[inline(always)]
+    fn gather_records<const N: usize>(from: &[u32], first: PortableIntegers) -> [PortableIntegers; N] {
+        let mut found = [PortableIntegers([0; LANES]); N];
+        for (lane, first) in first.0.into_iter().enumerate() {
+            let record = &from[first as usize..][..N];
+            for (found, word) in found.iter_mut().zip(record) {
+                found.0[lane] = *word as i32;
+            }
+        }
+        found
     }
 }

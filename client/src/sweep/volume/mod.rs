@@ -1,0 +1,138 @@
+//! Points of volumes: structural dissimilarity against what is really seen, bytes of the layers, time of a display frame.
+//!
+//! A frame with layers is rendered once for a setting, sent through the wire, and brought to a pose further around the
+//! media. The error is the DSSIM before black; that before white and before the environment, and the PSNR, stand beside it.
+//! Time is that of a whole display frame, settings taking turns.
+
+mod settings;
+mod study;
+
+use super::surface::median_and_spread;
+use super::{Cost, Knob, Point, Progress, Request, SweepError};
+use crate::analytic::ReceivedFrame;
+use crate::march::Marcher;
+use settings::Setting;
+use std::collections::BTreeMap;
+use study::{Background, PictureError, Study};
+use warplight_protocol::codec::PlaneKind;
+
+/// The built-in scenes of the thesis's kinds: a cube, a cloud, a scan, nested shells.
+const SCENES: [&str; 4] = ["cube", "cloud", "phantom", "shells"];
+/// Samples of the light in each voxel, and those of a quick sweep: noise of the light is in both pictures.
+const LIGHT_SPP: [u32; 2] = [8, 2];
+
+/// A knob that is turned on scenes with media.
+const fn knob(name: &'static str, about: &'static str, cost: Cost, measure: super::Measure) -> Knob {
+    Knob { name, about, metric: "DSSIM", cost, scenes, takes_files: true, measure }
+}
+
+fn scenes() -> Vec<String> {
+    SCENES.map(str::to_owned).to_vec()
+}
+
+/// What is turned.
+pub(super) static KNOBS: [Knob; 4] = [
+    knob("layers", "segments of a pixel's volume, and how they are cut", Cost::Bytes, |request, scene, progress| {
+        measure(request, scene, &settings::layers(request), progress)
+    }),
+    knob("angle", "degrees a head has gone around, by method and layers", Cost::None, |request, scene, progress| {
+        measure(request, scene, &settings::angles(request), progress)
+    }),
+    knob("density", "factor on the extinction, by method", Cost::None, |request, scene, progress| {
+        measure(request, scene, &settings::densities(request), progress)
+    }),
+    knob("volume-compression", "bits of the planes of layers", Cost::Bytes, |request, scene, progress| {
+        measure(request, scene, &settings::compressions(request), progress)
+    }),
+];
+
+/// A setting that has been prepared.
+struct Shown<'a> {
+    setting: &'a Setting,
+    received: ReceivedFrame,
+    errors: [PictureError; 3],
+    prepare_ms: Vec<f64>,
+    march_ms: Vec<f64>,
+}
+
+fn measure(
+    request: &Request<'_>,
+    scene: &str,
+    settings: &[Setting],
+    progress: Progress<'_>,
+) -> Result<Vec<Point>, SweepError> {
+    let quick = usize::from(request.quick);
+    let all = settings.len() as u64 * (1 + u64::from(request.runs));
+    let mut done = 0;
+    let mut points = Vec::new();
+    let mut marcher = Marcher::default();
+    let mut picture = Vec::new();
+    for group in settings.chunk_by(|a, b| a.density == b.density) {
+        let Some(first) = group.first() else { continue };
+        let study = Study::new(scene, first.density, request.size, LIGHT_SPP[quick])?;
+        let mut seen: Option<(f64, Vec<glam::Vec4>)> = None;
+        let mut all_shown = Vec::new();
+        for setting in group {
+            let display_pose = study.pose(setting.degrees);
+            if seen.as_ref().is_none_or(|(degrees, _)| *degrees != setting.degrees) {
+                seen = Some((setting.degrees, study.seen(&display_pose)));
+            }
+            let received = study.received(study.tree(setting.format, setting.exactly), setting.format)?;
+            marcher.set_stride(setting.stride_px);
+            marcher.prepare(&received.tree);
+            marcher.march(setting.method, &received.tree, &display_pose, &study.camera, None, &mut picture);
+            let mut errors = [PictureError::default(); 3];
+            for (error, background) in errors.iter_mut().zip(Background::ALL) {
+                if let Some((_, seen)) = &seen {
+                    *error = study.error(&display_pose, background, &picture, seen)?;
+                }
+            }
+            all_shown.push(Shown { setting, received, errors, prepare_ms: Vec::new(), march_ms: Vec::new() });
+            done += 1;
+            progress(done, all);
+        }
+        for _ in 0..request.runs {
+            for shown in &mut all_shown {
+                let Shown { setting, received, prepare_ms, march_ms, .. } = shown;
+                let display_pose = study.pose(setting.degrees);
+                marcher.set_stride(setting.stride_px);
+                let start = (request.now)();
+                marcher.prepare(&received.tree);
+                let prepared = (request.now)();
+                marcher.march(setting.method, &received.tree, &display_pose, &study.camera, None, &mut picture);
+                let end = (request.now)();
+                prepare_ms.push((prepared - start).as_secs_f64() * 1e3);
+                march_ms.push((end - prepared).as_secs_f64() * 1e3);
+                done += 1;
+                progress(done, all);
+            }
+        }
+        points.extend(all_shown.iter().map(|shown| point(scene, shown)));
+    }
+    Ok(points)
+}
+
+fn point(scene: &str, shown: &Shown<'_>) -> Point {
+    let Shown { setting, received, errors, prepare_ms, march_ms } = shown;
+    let (time_ms, time_spread_ms) = median_and_spread(march_ms);
+    let of_layers = |kind: &PlaneKind| kind.is_of_layer();
+    let bytes: usize = received.plane_bytes.iter().filter(|(kind, _)| of_layers(kind)).map(|(_, bytes)| bytes).sum();
+    let [black, white, environment] = errors;
+    let more = [
+        ("dssim_white", white.dssim),
+        ("dssim_environment", environment.dssim),
+        ("psnr_db", black.psnr_db),
+        ("bits_per_pixel", bytes as f64 * 8.0 / received.tree.camera.size.pixels() as f64),
+        ("prepare_ms", median_and_spread(prepare_ms).0),
+    ];
+    Point {
+        value: setting.value.clone(),
+        scene: scene.to_owned(),
+        time_ms,
+        time_spread_ms,
+        error: black.dssim,
+        bytes: bytes as u64,
+        pareto: false,
+        more: BTreeMap::from(more.map(|(name, value)| (name.to_owned(), value))),
+    }
+}
