@@ -15,7 +15,7 @@ use crate::report::{ClockKind, summary};
 use crate::trace::Trace;
 use crate::warp::{Mode, Normals, Solver};
 use anyhow::Context;
-use clap::builder::{PossibleValuesParser, TypedValueParser};
+use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use clap::{Args, Parser, ValueEnum};
 use image::RgbImage;
 use indicatif::{ProgressBar, ProgressStyle};
@@ -183,8 +183,14 @@ impl Default for ReplayArgs {
     }
 }
 
+/// A mode as a value; of volumes alone one would say `layers` for `specular`.
+fn named(mode: Mode) -> PossibleValue {
+    let value = PossibleValue::new(mode.name());
+    if mode == Mode::Specular { value.alias("layers") } else { value }
+}
+
 fn modes() -> impl TypedValueParser<Value = Mode> {
-    PossibleValuesParser::new(Mode::ALL.map(Mode::name)).try_map(|name| name.parse::<Mode>())
+    PossibleValuesParser::new(Mode::ALL.map(named)).try_map(|name| name.parse::<Mode>())
 }
 
 pub(super) fn number(text: &str, expected: &str, accepts: impl Fn(f64) -> bool) -> Result<f64, String> {
