@@ -111,7 +111,7 @@ impl Warper {
         holes as f64 / radiance.len().max(1) as f64
     }
 
-    /// Runs one stage of a picture with media by [`Mode::Specular`], those before it having run for the same pose: for
+    /// Runs one stage of a picture with media by `Mode::Specular`, those before it having run for the same pose: for
     /// benches.
     pub fn run_media(
         &mut self,

@@ -4,10 +4,10 @@
 //! layering cuts it into at most k segments, each of which does what its slices do together: seen from the render
 //! pose, every layering gives the same picture, to rounding. They differ by what another pose sees.
 //!
-//! - [`quantiles`]: equal steps of opacity (the thesis).
-//! - [`merged`]: own front and back, joined by colour (volumetric depth images).
+//! - `quantiles`: equal steps of opacity (the thesis).
+//! - `merged`: own front and back, joined by colour (volumetric depth images).
 //! - [`optimal`]: the segments that differ least from the matter, by dynamic programming (ours).
-//! - [`slabs`]: the same depths in every pixel, for a baseline.
+//! - `slabs`: the same depths in every pixel, for a baseline.
 
 mod merged;
 mod opacity;

@@ -1,8 +1,8 @@
 //! Volumes of our own, made from a seed when a scene is loaded.
 //!
-//! Each is a density or a field over the unit cube, as a function of a point; [`fill`] evaluates it at the middle
+//! Each is a density or a field over the unit cube, as a function of a point; `fill` evaluates it at the middle
 //! of every cell, on all cores. The same seed gives the same volume on every machine but for the last digits:
-//! randomness comes from integer hashes ([`noise`]), never from a clock or an address.
+//! randomness comes from integer hashes (`noise`), never from a clock or an address.
 
 mod cloud;
 mod noise;

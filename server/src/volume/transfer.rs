@@ -4,7 +4,7 @@
 //! albedo, interpolated by itself, not multiplied with the extinction. Two points of the same value are a step.
 //!
 //! [`TransferFunction::at`] is post-classification: values are interpolated first. A look-up table of
-//! [`BUCKETS`] entries says in which piece a value lies, so that the answer is that of the pieces, not of a
+//! `BUCKETS` entries says in which piece a value lies, so that the answer is that of the pieces, not of a
 //! resampled table. [`TransferFunction::between`] is pre-integrated classification (Engel et al. 2001): the mean
 //! over values that run linearly along a ray segment, by integrals over the pieces (their equation 8, without
 //! attenuation inside the segment), so a thin shell between two samples is not missed. On a piece extinction

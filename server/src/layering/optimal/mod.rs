@@ -4,13 +4,13 @@
 //! of extinction times source radiance, per channel. Matter of constant extinction and constant source makes P a straight
 //! line, so the cost of a segment from z_i to z_j is the weighted squared distance of P from the chord between its ends,
 //! summed over the candidate borders between them. The weight of a border is the length of the ray around it times its
-//! transmittance from the eye, but at least [`HIDDEN`], which fades with the optical depth before it ([`FADING`]): what is
+//! transmittance from the eye, but at least `HIDDEN`, which fades with the optical depth before it (`FADING`): what is
 //! hidden from the render pose is seen from another one (worth 3 to 4 dB there). Segments neither start nor end in empty
 //! space. One run finds the best k segments for every k.
 //!
-//! Candidates: [`reduce`] joins the slices of a ray to at most [`CANDIDATES`] bins, with a border wherever matter begins or
-//! ends, and as many bins in a stretch as its share of length, opacity and optical depth calls for; [`bins`] does the same
-//! fast. [`plain`] is the program written down in f64; [`lanes`] runs it for 16 rays at once.
+//! Candidates: `reduce` joins the slices of a ray to at most [`CANDIDATES`] bins, with a border wherever matter begins or
+//! ends, and as many bins in a stretch as its share of length, opacity and optical depth calls for; `bins` does the same
+//! fast. `plain` is the program written down in f64; `lanes` runs it for 16 rays at once.
 //!
 //! Cost: k times the square of the number of bins, per ray.
 
