@@ -255,8 +255,8 @@ impl FrameRenderer {
     ) {
         tree.reset(request.render_pose, request.camera, &request.plan, &self.interfaces);
         tree.set_layers(request.layers());
-        let eye = self.eye_of(request);
         let view = self.media_in_view(&request.render_pose, request.camera);
+        let eye = view.eye();
         tree.bands_mut(BAND_ROWS).into_par_iter().for_each(|mut band| {
             let mut counts = RayCounts::default();
             let first = (band.rows.start * request.camera.size.width) as usize;
@@ -352,9 +352,9 @@ impl FrameRenderer {
         }
     }
 
-    /// The eye of a frame, and what it is inside of.
-    fn eye_of(&self, request: &FrameRequest) -> Eye {
-        let eye = Eye::new(self.scene(), &request.render_pose, request.camera);
+    /// The eye of a pose, and what it is inside of.
+    fn eye_at(&self, pose: &Pose, camera: Camera) -> Eye {
+        let eye = Eye::new(self.scene(), pose, camera);
         Eye { inside: self.tracer.enclosure_at(eye.position), ..eye }
     }
 

@@ -5,7 +5,7 @@ use crate::counters::Counters;
 use crate::frame::{BAND_ROWS, FrameRenderer, FrameRequest, LayersRequest, LiveFrames};
 use crate::service::{Estimator, Service};
 use crate::session::RenderJob;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Mutex, PoisonError};
 use warplight_protocol::codec::StripEncoder;
 use warplight_protocol::frame::{Interfaces, Plan, Tree, TreeRows};
 use warplight_protocol::message::FramePurpose;
@@ -36,8 +36,7 @@ impl FrameStream {
         let camera = Camera::symmetric(1.0, ImageSize::new(1, 1));
         let tree = Tree::new(Pose::IDENTITY, camera, Plan::diffuse(), Interfaces::default());
         let renderer = &service.renderer;
-        let own = || FrameRenderer::limited(Arc::new(renderer.scene().as_ref().clone()), renderer.tracer().simulated);
-        let moving = renderer.moves().then(|| Box::new(own()));
+        let moving = renderer.moves().then(|| Box::new(renderer.copy()));
         FrameStream { service, moving, tree, live: None, encoders: Mutex::default(), counters: Counters::default() }
     }
 

@@ -1,7 +1,7 @@
 //! `sweep`: what accuracy costs, as a curve over one knob.
 //!
 //! A [`Knob`] is something that can be turned: it has a name, scenes it can be turned on, an error with a unit, what it
-//! is bought with ([`Cost`]), and a function that measures its points on one scene. [`knobs`] are all;
+//! is bought with ([`Cost`]), and a function that measures its points on one scene. [`KNOBS`] is the table of all;
 //! a stage adds its own by a row, and gets table, plot, JSON, Pareto front and resume without further ado. Those of the
 //! surface warp are in `surface`; what the points say is in `pareto`, what is written in [`write`].
 //!
@@ -17,6 +17,7 @@ mod write;
 
 pub use write::{table, write_files};
 
+use crate::analytic::AnalyticScene;
 use crate::trace::Trace;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -118,8 +119,11 @@ impl Sweep {
 /// Says how many of how many steps are done.
 pub type Progress<'a> = &'a mut dyn FnMut(u64, u64);
 
-/// Measures the points of a knob on one scene.
-type Measure = fn(&Request<'_>, &str, Progress<'_>) -> Result<Vec<Point>, SweepError>;
+/// What a knob turns: settings of the surface warp on scenes in closed form, or of volumes on scenes with media.
+enum Settings {
+    Surface(fn(&Request<'_>) -> Vec<settings::Setting>),
+    Volume(fn(&Request<'_>) -> Vec<volume::Setting>),
+}
 
 /// Something that can be turned.
 pub struct Knob {
@@ -127,45 +131,42 @@ pub struct Knob {
     pub name: &'static str,
     /// What it turns.
     pub about: &'static str,
-    /// Unit of the error.
-    pub metric: &'static str,
     /// What a smaller error is paid with.
     pub cost: Cost,
-    /// Scenes it can be turned on.
-    pub scenes: fn() -> Vec<String>,
-    /// Whether it can be turned on any other scene, by name or file.
-    pub takes_files: bool,
-    measure: Measure,
+    settings: Settings,
+}
+
+const fn surface(
+    name: &'static str,
+    about: &'static str,
+    cost: Cost,
+    settings: fn(&Request<'_>) -> Vec<settings::Setting>,
+) -> Knob {
+    Knob { name, about, cost, settings: Settings::Surface(settings) }
+}
+
+const fn volume(
+    name: &'static str,
+    about: &'static str,
+    cost: Cost,
+    settings: fn(&Request<'_>) -> Vec<volume::Setting>,
+) -> Knob {
+    Knob { name, about, cost, settings: Settings::Volume(settings) }
 }
 
 /// All knobs.
-pub fn knobs() -> impl Iterator<Item = &'static Knob> {
-    SURFACE.iter().chain(volume::KNOBS.iter())
-}
-
-/// Those of the surface warp.
-static SURFACE: &[Knob] = &[
-    surface::knob("solver", "how pictures of children are searched", Cost::Time, |request, scene, progress| {
-        surface::measure(request, scene, &settings::solvers(request), progress)
-    }),
-    surface::knob("steps", "steps of the solvers that have them", Cost::Time, |request, scene, progress| {
-        surface::measure(request, scene, &settings::steps(request), progress)
-    }),
-    surface::knob("normals", "where normals come from, and their bits", Cost::Bytes, |request, scene, progress| {
-        surface::measure(request, scene, &settings::normals(request), progress)
-    }),
-    surface::knob("depth-bits", "bits of depth, of root and of children", Cost::Bytes, |request, scene, progress| {
-        surface::measure(request, scene, &settings::depth_bits(request), progress)
-    }),
-    surface::knob("depth-coding", "what the depth of children measures", Cost::Bytes, |request, scene, progress| {
-        surface::measure(request, scene, &settings::depth_codings(request), progress)
-    }),
-    surface::knob("frame-age", "milliseconds a head has moved since", Cost::None, |request, scene, progress| {
-        surface::measure(request, scene, &settings::frame_ages(request), progress)
-    }),
-    surface::knob("head-translation", "centimetres a head has moved", Cost::None, |request, scene, progress| {
-        surface::measure(request, scene, &settings::head_translations(request), progress)
-    }),
+pub const KNOBS: &[Knob] = &[
+    surface("solver", "how pictures of children are searched", Cost::Time, settings::solvers),
+    surface("steps", "steps of the solvers that have them", Cost::Time, settings::steps),
+    surface("normals", "where normals come from, and their bits", Cost::Bytes, settings::normals),
+    surface("depth-bits", "bits of depth, of root and of children", Cost::Bytes, settings::depth_bits),
+    surface("depth-coding", "what the depth of children measures", Cost::Bytes, settings::depth_codings),
+    surface("frame-age", "milliseconds a head has moved since", Cost::None, settings::frame_ages),
+    surface("head-translation", "centimetres a head has moved", Cost::None, settings::head_translations),
+    volume("layers", "segments of a pixel's volume, and how they are cut", Cost::Bytes, volume::layers),
+    volume("angle", "degrees a head has gone around, by method and layers", Cost::None, volume::angles),
+    volume("density", "factor on the extinction, by method", Cost::None, volume::densities),
+    volume("volume-compression", "bits of the planes of layers", Cost::Bytes, volume::compressions),
 ];
 
 /// Why there is no sweep.
@@ -197,7 +198,7 @@ pub enum SweepError {
 
 /// Names of all knobs.
 pub fn names() -> String {
-    knobs().map(|knob| knob.name).collect::<Vec<_>>().join(", ")
+    KNOBS.iter().map(|knob| knob.name).collect::<Vec<_>>().join(", ")
 }
 
 impl Knob {
@@ -207,10 +208,34 @@ impl Knob {
     /// There is none.
     pub fn named(name: &str) -> Result<&'static Knob, SweepError> {
         let unknown = || SweepError::UnknownKnob { found: name.to_owned() };
-        knobs().find(|knob| knob.name == name).ok_or_else(unknown)
+        KNOBS.iter().find(|knob| knob.name == name).ok_or_else(unknown)
     }
 
-    /// Turns the knob on one scene, or on all it can be turned on.
+    /// Unit of the error.
+    pub fn metric(&self) -> &'static str {
+        match self.settings {
+            Settings::Surface(_) => "deg",
+            Settings::Volume(_) => "DSSIM",
+        }
+    }
+
+    /// Scenes it is turned on.
+    pub fn scenes(&self) -> Vec<&'static str> {
+        match self.settings {
+            Settings::Surface(_) => AnalyticScene::SWEPT.map(AnalyticScene::name).to_vec(),
+            Settings::Volume(_) => volume::SCENES.to_vec(),
+        }
+    }
+
+    /// Measures its points on a scene.
+    fn measure(&self, request: &Request<'_>, scene: &str, progress: Progress<'_>) -> Result<Vec<Point>, SweepError> {
+        match self.settings {
+            Settings::Surface(settings) => surface::measure(request, scene, &settings(request), progress),
+            Settings::Volume(settings) => volume::measure(request, scene, &settings(request), progress),
+        }
+    }
+
+    /// Turns the knob on one scene, or on all it can be turned on; one of volumes on any other scene, too.
     ///
     /// # Errors
     /// A scene that it cannot be turned on.
@@ -220,10 +245,11 @@ impl Knob {
         scene: Option<&str>,
         progress: &mut dyn FnMut(&str, u64, u64),
     ) -> Result<Sweep, SweepError> {
-        let known = (self.scenes)();
+        let known = self.scenes();
+        let takes_any = matches!(self.settings, Settings::Volume(_));
         let scenes: Vec<&str> = match scene {
-            None => known.iter().map(String::as_str).collect(),
-            Some(scene) if self.takes_files || known.iter().any(|known| known == scene) => vec![scene],
+            None => known,
+            Some(scene) if takes_any || known.contains(&scene) => vec![scene],
             Some(scene) => {
                 let (expected, found) = (known.join(", "), scene.to_owned());
                 return Err(SweepError::UnknownScene { knob: self.name, expected, found });
@@ -232,9 +258,9 @@ impl Knob {
         let mut points = Vec::new();
         let mut resumes = Vec::new();
         for scene in &scenes {
-            let mut curve = (self.measure)(request, scene, &mut |done, all| progress(scene, done, all))?;
+            let mut curve = self.measure(request, scene, &mut |done, all| progress(scene, done, all))?;
             pareto::mark(&mut curve, self.cost);
-            resumes.push(pareto::resume(&curve, self.cost, self.metric));
+            resumes.push(pareto::resume(&curve, self.cost, self.metric()));
             points.extend(curve);
         }
         let resume = match (&scenes[..], &resumes[..]) {
@@ -249,7 +275,7 @@ impl Knob {
             schema: SCHEMA,
             knob: self.name.to_owned(),
             scene: scene.unwrap_or("all").to_owned(),
-            metric: self.metric.to_owned(),
+            metric: self.metric().to_owned(),
             cost: self.cost,
             size: [request.size.width, request.size.height],
             runs: request.runs,

@@ -9,7 +9,7 @@
 //! turns, so that all see the same machine.
 
 use super::settings::Setting;
-use super::{Cost, Knob, Measure, Point, Progress, Request, SweepError};
+use super::{Point, Progress, Request, SweepError};
 use crate::analytic::{AnalyticScene, FlowErrors, ReceivedFrame, Truth, through_the_wire};
 use crate::measure::Percentiles;
 use crate::warp::{Mode, Normals, Warper};
@@ -17,15 +17,6 @@ use image::RgbImage;
 use std::collections::BTreeMap;
 use warplight_protocol::codec::PlaneKind;
 use warplight_protocol::{Camera, Pose};
-
-/// A knob that is turned on the analytic scenes.
-pub(super) const fn knob(name: &'static str, about: &'static str, cost: Cost, measure: Measure) -> Knob {
-    Knob { name, about, metric: "deg", cost, scenes, takes_files: false, measure }
-}
-
-fn scenes() -> Vec<String> {
-    AnalyticScene::SWEPT.map(|scene| scene.name().to_owned()).to_vec()
-}
 
 /// What is timed of a setting.
 #[derive(Default)]

@@ -32,7 +32,7 @@ pub fn table(sweep: &Sweep) -> String {
         .into_iter()
         .filter(|(name, ..)| sweep.points.iter().all(|point| point.more.contains_key(*name)))
         .collect();
-    let mut head = vec!["scene".to_owned(), sweep.knob.clone(), String::new(), format!("median {}", sweep.metric)];
+    let mut head = vec!["scene".to_owned(), sweep.knob.clone(), String::new(), format!("error, {}", sweep.metric)];
     head.extend(columns.iter().map(|(_, heading, ..)| (*heading).to_owned()));
     head.extend(["time ms", "spread", "kB"].map(str::to_owned));
     let mut rows = vec![head];
@@ -123,7 +123,7 @@ fn plot(sweep: &Sweep, points: &[Point]) -> String {
             Cost::None => &sweep.knob,
             Cost::Bytes => "frame, kB",
         },
-        y_label: &format!("median error, {}", sweep.metric),
+        y_label: &format!("error, {}", sweep.metric),
         dots: points.iter().map(dot).collect(),
     }
     .to_svg()

@@ -19,8 +19,10 @@ pub(super) enum Canvas<'a> {
         /// Factor on linear radiance.
         exposure: f32,
     },
-    /// Linear radiance.
-    Radiance {
+    /// Linear radiance, one per pixel.
+    Radiance(&'a mut [Vec3]),
+    /// Linear radiance of what something else will be put before.
+    Behind {
         /// One per pixel.
         radiance: &'a mut [Vec3],
         /// Inverse depth of the root in the new view, one per pixel; 0 where that is not known.
@@ -36,9 +38,13 @@ impl Canvas<'_> {
                 let exposure = *exposure;
                 Either::Left(codes.par_chunks_mut(pixels).map(move |codes| Canvas::Codes { codes, exposure }))
             }
-            Canvas::Radiance { radiance, inverse_depth } => {
+            Canvas::Radiance(radiance) => {
+                Either::Right(Either::Left(radiance.par_chunks_mut(pixels).map(Canvas::Radiance)))
+            }
+            Canvas::Behind { radiance, inverse_depth } => {
                 let runs = radiance.par_chunks_mut(pixels).zip(inverse_depth.par_chunks_mut(pixels));
-                Either::Right(runs.map(|(radiance, inverse_depth)| Canvas::Radiance { radiance, inverse_depth }))
+                let runs = runs.map(|(radiance, inverse_depth)| Canvas::Behind { radiance, inverse_depth });
+                Either::Right(Either::Right(runs))
             }
         }
     }
@@ -54,7 +60,7 @@ impl Canvas<'_> {
                     tone::srgb8_from_linear(linear).store_colors(codes, at);
                 }
             }
-            Canvas::Radiance { radiance, .. } => {
+            Canvas::Radiance(radiance) | Canvas::Behind { radiance, .. } => {
                 for (pixel, color) in radiance[first..first + colors.len()].iter_mut().zip(colors) {
                     *pixel = color.truncate();
                 }
@@ -71,25 +77,20 @@ impl Canvas<'_> {
                     *code = table.display_from_radiance(*color, *exposure);
                 }
             }
-            Canvas::Radiance { radiance, .. } => radiance[first..first + colors.len()].copy_from_slice(colors),
+            Canvas::Radiance(radiance) | Canvas::Behind { radiance, .. } => {
+                radiance[first..first + colors.len()].copy_from_slice(colors)
+            }
         }
     }
 
     /// Notes inverse depths of pixels from `first` on, if anybody asks for them; 0 where they are not `known`.
     #[inline(always)]
     pub(super) fn note_depths(&mut self, first: usize, inverse_depths: &[f32], known: &[bool]) {
-        if let Canvas::Radiance { inverse_depth, .. } = self {
+        if let Canvas::Behind { inverse_depth, .. } = self {
             let noted = &mut inverse_depth[first..first + inverse_depths.len()];
             for ((noted, &inverse_depth), &known) in noted.iter_mut().zip(inverse_depths).zip(known) {
                 *noted = if known { inverse_depth } else { 0.0 };
             }
-        }
-    }
-
-    /// Forgets all depths.
-    pub(super) fn clear_depths(&mut self) {
-        if let Canvas::Radiance { inverse_depth, .. } = self {
-            inverse_depth.fill(0.0);
         }
     }
 }

@@ -63,8 +63,7 @@ impl Warper {
         let Warper { level, layered, pipeline, pyramid, radiance, inverse_depth, surface_m, .. } = self;
         radiance.resize(pixels, Vec3::ZERO);
         inverse_depth.resize(pixels, 0.0);
-        let mut behind = Canvas::Radiance { radiance, inverse_depth };
-        behind.clear_depths();
+        let mut behind = Canvas::Behind { radiance, inverse_depth };
         let sources = layered.seen_from(display_pose, camera);
         let view = View { level: *level, display_pose, camera };
         pipeline.warp(&view, sources.iter(), &mut behind, pyramid);

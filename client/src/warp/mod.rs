@@ -261,13 +261,8 @@ impl Warper {
         camera: &Camera,
         radiance: &mut Vec<Vec3>,
     ) -> WarpStatistics {
-        let mut inverse_depth = std::mem::take(&mut self.inverse_depth);
         radiance.resize(camera.size.pixels(), Vec3::ZERO);
-        inverse_depth.resize(camera.size.pixels(), 0.0);
-        let canvas = Canvas::Radiance { radiance, inverse_depth: &mut inverse_depth };
-        let statistics = self.paint(mode, tree, display_pose, camera, canvas);
-        self.inverse_depth = inverse_depth;
-        statistics
+        self.paint(mode, tree, display_pose, camera, Canvas::Radiance(radiance))
     }
 
     fn paint(

@@ -185,8 +185,8 @@ impl FrameRenderer {
         let before = live.version.replace(self.version);
         tree.reset(request.render_pose, request.camera, &request.plan, &self.interfaces);
         tree.set_layers(request.layers());
-        let eye = self.eye_of(request);
         let view = self.media_in_view(&request.render_pose, request.camera);
+        let eye = view.eye();
         let cell_per_m = CELL_PX / request.camera.focal_px().min_element();
         let rests = live.rest.continues(request, self.version);
         let LiveFrames { cache, bands, rest, glossy, denoises, changes, .. } = live;

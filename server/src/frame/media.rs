@@ -1,7 +1,6 @@
 //! The layers of a frame: what rays of view go through before they end at the root's surface.
 
 use super::{Eye, FrameRenderer, FrameRequest, LayersRequest};
-use crate::bsdf::Enclosure;
 use crate::counters::RayCounts;
 use crate::integrator::PathTracer;
 use crate::layering::optimal::cut_plainly;
@@ -9,7 +8,7 @@ use crate::layering::{Cutter, Profile, Segments};
 use crate::march::{self, Marcher};
 use glam::Vec4;
 use rayon::prelude::*;
-use std::sync::{Mutex, PoisonError, RwLock, RwLockReadGuard};
+use std::sync::{Arc, Mutex, PoisonError, RwLock, RwLockReadGuard};
 use warplight_protocol::frame::{Layering, TreeRows};
 use warplight_protocol::{Camera, Pose};
 
@@ -39,7 +38,6 @@ pub struct MediaInView<'a> {
     camera: Camera,
     eye: Eye,
     marcher: RwLockReadGuard<'a, Marcher>,
-    enclosure: Enclosure,
 }
 
 impl Media {
@@ -53,6 +51,14 @@ impl Media {
 }
 
 impl FrameRenderer {
+    /// Another renderer of the same scene, whose things move by themselves; in its media the light of this one.
+    pub fn copy(&self) -> FrameRenderer {
+        let mut copy = FrameRenderer::limited(Arc::new(self.scene().as_ref().clone()), self.tracer.simulated);
+        let marcher = self.media.marcher.read().unwrap_or_else(PoisonError::into_inner);
+        *copy.media.marcher.get_mut().unwrap_or_else(PoisonError::into_inner) = marcher.clone();
+        copy
+    }
+
     /// Adds so many samples to the light that frames see in media. Frames that are being rendered end first.
     pub fn refine_light(&self, samples: usize, max_depth: u32, seed: u64) {
         let mut marcher = self.media.marcher.write().unwrap_or_else(PoisonError::into_inner);
@@ -80,12 +86,16 @@ impl FrameRenderer {
     /// The media as they are seen from a pose.
     pub fn media_in_view(&self, pose: &Pose, camera: Camera) -> MediaInView<'_> {
         let marcher = self.media.marcher.read().unwrap_or_else(PoisonError::into_inner);
-        let eye = Eye::new(self.scene(), pose, camera);
-        MediaInView { renderer: self, camera, eye, marcher, enclosure: self.tracer.enclosure_at(eye.position()) }
+        MediaInView { renderer: self, camera, eye: self.eye_at(pose, camera), marcher }
     }
 }
 
 impl MediaInView<'_> {
+    /// Whose view it is.
+    pub(super) fn eye(&self) -> Eye {
+        self.eye
+    }
+
     /// Makes a profile of what the ray through the centre of a pixel goes through before it ends at a surface; gives the
     /// number of steps in matter.
     pub fn profile(&self, pixel: usize, work: &mut march::Work, profile: &mut Profile) -> u64 {
@@ -131,6 +141,6 @@ impl MediaInView<'_> {
         let centre = self.camera.size.pixel_centre(pixel);
         let depth_per_m = self.camera.ray_in_view(centre).length().recip();
         let ray = self.eye.ray_through(centre);
-        self.marcher.march(&self.renderer.tracer, &ray, self.enclosure, distance_m, depth_per_m, work, profile)
+        self.marcher.march(&self.renderer.tracer, &ray, self.eye.inside, distance_m, depth_per_m, work, profile)
     }
 }

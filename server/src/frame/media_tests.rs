@@ -98,6 +98,21 @@ fn a_reflection_shows_the_media_on_its_way() {
     assert!((mean - 1.0).abs().max_element() < 0.018, "{mean}");
 }
 
+/// The renderer of a session in whose scene things move: its first frame must not be dark.
+#[test]
+fn a_copy_sees_the_light_that_is_there() {
+    let mut scene =
+        SceneBuilder::new().environment(Environment::Constant(Vec3::ONE)).cube(Vec3::NEG_Z * 3.0, 2.0, null(0)).build();
+    scene.media = vec![absorbing(Vec3::splat(0.7), 0.9)];
+    let renderer = FrameRenderer::new(Arc::new(scene));
+    let camera = Camera::symmetric(0.3, ImageSize::new(4, 4));
+    let dark = renderer.media_picture(&Pose::IDENTITY, camera);
+    renderer.refine_all_light(1, 4, 5);
+    let lit = renderer.media_picture(&Pose::IDENTITY, camera);
+    assert!(dark.iter().zip(&lit).all(|(dark, lit)| dark.x == 0.0 && lit.x > 0.1));
+    assert_eq!(renderer.copy().media_picture(&Pose::IDENTITY, camera), lit);
+}
+
 /// Two media behind each other and a wall in the second, seen from before, and from inside of the first.
 #[test]
 fn layers_of_a_frame_do_together_what_the_march_says() {

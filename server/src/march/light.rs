@@ -12,6 +12,7 @@
 use crate::counters::RayCounts;
 use crate::integrator::PathTracer;
 use crate::integrator::sampler::Sampler;
+use crate::volume::grid::between;
 use crate::volume::{Matter, Medium};
 use glam::{Affine3A, Vec3, Vec4};
 use rayon::prelude::*;
@@ -32,10 +33,10 @@ pub struct LightGrid {
     scratch: Vec<Vec4>,
     /// Voxels that are sampled.
     occupied: Vec<u32>,
-    sums: Vec<Vec3>,
-    /// Samples of every voxel, and how many voxels have one more.
-    rounds: u32,
-    ahead: usize,
+    /// Of each of them, the sum of its samples and their number.
+    sums: Vec<(Vec3, u32)>,
+    /// The one to be sampled next, which has the fewest.
+    next: usize,
 }
 
 impl LightGrid {
@@ -61,13 +62,12 @@ impl LightGrid {
             scratch: Vec::new(),
             occupied: Vec::new(),
             sums: Vec::new(),
-            rounds: 0,
-            ahead: 0,
+            next: 0,
         };
         if bounds.is_some() {
             let voxels = 0..grid.values.len() as u32;
             grid.occupied = voxels.into_par_iter().filter(|&voxel| grid.is_near_matter(medium, voxel)).collect();
-            grid.sums = vec![Vec3::ZERO; grid.occupied.len()];
+            grid.sums = vec![(Vec3::ZERO, 0); grid.occupied.len()];
         }
         grid
     }
@@ -87,23 +87,26 @@ impl LightGrid {
         &self.unit_from_world
     }
 
-    /// Forgets all samples; what is known stays until there are new ones.
+    /// Forgets all samples; what is known stays until there are new ones. Sampling goes on where it was: where something moves
+    /// in every frame, all voxels have their turn all the same.
     pub(super) fn forget(&mut self) {
-        self.sums.fill(Vec3::ZERO);
-        (self.rounds, self.ahead) = (0, 0);
+        self.sums.fill((Vec3::ZERO, 0));
     }
 
     /// Adds so many samples, voxel by voxel from where the last call ended. The result depends on their number alone.
     pub(super) fn refine(&mut self, tracer: &PathTracer, medium: u32, samples: usize, max_depth: u32, seed: u64) {
-        let mut left = if self.occupied.is_empty() { 0 } else { samples };
+        if self.occupied.is_empty() {
+            return;
+        }
+        let (size, voxel_extent) = (self.size, self.voxel());
+        let world_from_unit = self.unit_from_world.inverse();
+        let mut left = samples;
         while left > 0 {
-            let range = self.ahead..(self.ahead + left).min(self.occupied.len());
+            let range = self.next..(self.next + left).min(self.occupied.len());
             left -= range.len();
-            let (rounds, size) = (self.rounds, self.size);
-            let world_from_unit = self.unit_from_world.inverse();
-            let voxel_extent = self.voxel();
-            self.sums[range.clone()].par_iter_mut().zip(&self.occupied[range.clone()]).for_each(|(sum, &voxel)| {
-                let mut sampler = Sampler::new(seed, u64::from(voxel), rounds);
+            let voxels = &self.occupied[range.clone()];
+            self.sums[range.clone()].par_iter_mut().zip(voxels).for_each(|((sum, count), &voxel)| {
+                let mut sampler = Sampler::new(seed, u64::from(voxel), *count);
                 let jitter = sampler.pair().extend(sampler.value()) - 0.5;
                 let centre = centre(size, voxel);
                 let mut counts = RayCounts::default();
@@ -111,15 +114,12 @@ impl LightGrid {
                 let point = world_from_unit.transform_point3(unit);
                 let incident = tracer.incident_mean(point, medium, max_depth, &mut sampler, &mut counts);
                 *sum += if incident.is_finite() { incident } else { Vec3::ZERO };
+                *count += 1;
             });
-            for index in range.clone() {
-                let mean = self.sums[index] / (rounds + 1) as f32;
-                self.means[self.occupied[index] as usize] = mean.extend(1.0);
+            for ((sum, count), &voxel) in self.sums[range.clone()].iter().zip(voxels) {
+                self.means[voxel as usize] = (*sum / *count as f32).extend(1.0);
             }
-            self.ahead = range.end;
-            if self.ahead == self.occupied.len() {
-                (self.rounds, self.ahead) = (self.rounds + 1, 0);
-            }
+            self.next = range.end % self.occupied.len();
         }
         self.smooth();
     }
@@ -130,7 +130,8 @@ impl LightGrid {
         self.values.copy_from_slice(&self.means);
         let [nx, ny, nz] = self.size.map(|count| count as usize);
         let axes = [(1, nx), (nx, ny), (nx * ny, nz)];
-        for _ in 0..passes(self.rounds) {
+        let fewest = self.sums.get(self.next).map_or(0, |&(_, count)| count);
+        for _ in 0..passes(fewest) {
             for (stride, count) in axes {
                 let LightGrid { values, scratch, .. } = self;
                 scratch.resize(values.len(), Vec4::ZERO);
@@ -152,18 +153,19 @@ impl LightGrid {
     #[inline]
     pub(super) fn sample(&self, unit: Vec3) -> Vec4 {
         let [nx, ny, nz] = self.size;
-        let ((x, x1, u), (y, y1, v), (z, z1, w)) = (between(unit.x, nx), between(unit.y, ny), between(unit.z, nz));
+        let ((x, to_x, u), (y, to_y, v), (z, to_z, w)) =
+            (between(unit.x, nx), between(unit.y, ny), between(unit.z, nz));
         let row = |y: usize, z: usize| {
             let start = (z * ny as usize + y) * nx as usize;
             let row = &self.values[start..start + nx as usize];
-            row[x] + u * (row[x1] - row[x])
+            row[x] + u * (row[x + to_x] - row[x])
         };
         let slice = |z: usize| {
             let low = row(y, z);
-            low + v * (row(y1, z) - low)
+            low + v * (row(y + to_y, z) - low)
         };
         let low = slice(z);
-        low + w * (slice(z1) - low)
+        low + w * (slice(z + to_z) - low)
     }
 
     /// Whether a ray may want to know the light of a voxel.
@@ -195,15 +197,15 @@ impl LightGrid {
     /// Smooths these means as if they were of few samples.
     pub(super) fn smooth_of(&mut self, mean: impl Fn(usize) -> Vec4) {
         self.means.iter_mut().enumerate().for_each(|(voxel, value)| *value = mean(voxel));
-        self.rounds = 0;
+        self.forget();
         self.smooth();
     }
 }
 
-/// How often the means of so many rounds are smoothed by the binomial (1 2 1) along each axis: the noise of one sample is
+/// How often means of so many samples are smoothed by the binomial (1 2 1) along each axis: the noise of one sample is
 /// then about that of 64 unsmoothed.
-fn passes(rounds: u32) -> u32 {
-    match rounds {
+fn passes(samples: u32) -> u32 {
+    match samples {
         0..4 => 3,
         4..16 => 2,
         16..64 => 1,
@@ -220,14 +222,4 @@ fn centre([nx, ny, nz]: [u32; 3], voxel: u32) -> Vec3 {
     let (x, rest) = (voxel % nx, voxel / nx);
     let index = Vec3::new(x as f32, (rest % ny) as f32, (rest / ny) as f32);
     (index + 0.5) / Vec3::new(nx as f32, ny as f32, nz as f32)
-}
-
-/// The two voxels along an axis that a point lies between, and how far it is from the first.
-#[inline]
-fn between(unit: f32, count: u32) -> (usize, usize, f32) {
-    let last = (count - 1) as f32;
-    // f32's own max gives 0 for what is not a number.
-    let position = (unit * count as f32 - 0.5).max(0.0).min(last);
-    let low = (position as usize).min(count as usize - 1);
-    (low, (low + 1).min(count as usize - 1), position - low as f32)
 }

@@ -67,7 +67,8 @@ impl Marcher {
 
     /// Adds about so many samples to the light of all media.
     pub fn refine(&mut self, tracer: &PathTracer, samples: usize, max_depth: u32, seed: u64) {
-        let each = samples.div_ceil(self.media.len().max(1));
+        let seen = self.media.iter().filter(|medium| medium.is_seen).count();
+        let each = samples.div_ceil(seen.max(1));
         for (index, medium) in self.media.iter_mut().enumerate() {
             medium.light.refine(tracer, index as u32, each, max_depth, seed);
         }

@@ -109,6 +109,21 @@ fn the_light_depends_on_the_number_of_samples_alone() {
     assert!(whole.values() == alone.install(|| light(&[occupied + 1000])).values());
 }
 
+/// As by a lamp that moves in every frame: what is forgotten is the light, not whose turn it is.
+#[test]
+fn every_voxel_has_its_turn_though_all_is_forgotten_in_between() {
+    let scene = scene(grid());
+    let tracer = PathTracer::new(Arc::clone(&scene));
+    let mut light = LightGrid::new(&scene.media[0], bounds::bounds_of(&scene, 0));
+    let third = light.occupied().div_ceil(3);
+    for frame in 0..3 {
+        light.forget();
+        light.refine(&tracer, 0, third, 4, frame);
+    }
+    let known = light.values().iter().filter(|value| value.w > 0.0).count();
+    assert_eq!(known, light.occupied());
+}
+
 #[test]
 fn smoothing_keeps_what_is_constant() {
     let scene = scene(grid());

@@ -140,7 +140,7 @@ struct Cell {
 
 /// Along one axis of `count` values: the lower one, 1 or (beyond the last) 0 to the next, and the part.
 #[inline]
-fn between(unit: f32, count: u32) -> (usize, usize, f32) {
+pub(crate) fn between(unit: f32, count: u32) -> (usize, usize, f32) {
     let last = (count - 1) as f32;
     // f32's own max gives 0 for what is not a number.
     let position = (unit * count as f32 - 0.5).max(0.0).min(last);

@@ -8,43 +8,18 @@ mod settings;
 mod study;
 
 use super::surface::median_and_spread;
-use super::{Cost, Knob, Point, Progress, Request, SweepError};
+use super::{Point, Progress, Request, SweepError};
 use crate::analytic::ReceivedFrame;
 use crate::march::Marcher;
-use settings::Setting;
+pub(super) use settings::{Setting, angles, compressions, densities, layers};
 use std::collections::BTreeMap;
 use study::{Background, PictureError, Study};
 use warplight_protocol::codec::PlaneKind;
 
 /// The built-in scenes of the thesis's kinds: a cube, a cloud, a scan, nested shells.
-const SCENES: [&str; 4] = ["cube", "cloud", "phantom", "shells"];
+pub(super) const SCENES: [&str; 4] = ["cube", "cloud", "phantom", "shells"];
 /// Samples of the light in each voxel, and those of a quick sweep: noise of the light is in both pictures.
 const LIGHT_SPP: [u32; 2] = [8, 2];
-
-/// A knob that is turned on scenes with media.
-const fn knob(name: &'static str, about: &'static str, cost: Cost, measure: super::Measure) -> Knob {
-    Knob { name, about, metric: "DSSIM", cost, scenes, takes_files: true, measure }
-}
-
-fn scenes() -> Vec<String> {
-    SCENES.map(str::to_owned).to_vec()
-}
-
-/// What is turned.
-pub(super) static KNOBS: [Knob; 4] = [
-    knob("layers", "segments of a pixel's volume, and how they are cut", Cost::Bytes, |request, scene, progress| {
-        measure(request, scene, &settings::layers(request), progress)
-    }),
-    knob("angle", "degrees a head has gone around, by method and layers", Cost::None, |request, scene, progress| {
-        measure(request, scene, &settings::angles(request), progress)
-    }),
-    knob("density", "factor on the extinction, by method", Cost::None, |request, scene, progress| {
-        measure(request, scene, &settings::densities(request), progress)
-    }),
-    knob("volume-compression", "bits of the planes of layers", Cost::Bytes, |request, scene, progress| {
-        measure(request, scene, &settings::compressions(request), progress)
-    }),
-];
 
 /// A setting that has been prepared.
 struct Shown<'a> {
@@ -55,7 +30,8 @@ struct Shown<'a> {
     march_ms: Vec<f64>,
 }
 
-fn measure(
+/// Measures settings on a scene.
+pub(super) fn measure(
     request: &Request<'_>,
     scene: &str,
     settings: &[Setting],

@@ -9,16 +9,16 @@ const DEGREES: f64 = 10.0;
 
 /// One setting: how a frame is layered and coded, and how it is shown from where.
 #[derive(Clone, Debug)]
-pub(super) struct Setting {
-    pub(super) value: String,
-    pub(super) format: VolumeFormat,
+pub(in crate::sweep) struct Setting {
+    pub(in crate::sweep) value: String,
+    pub(in crate::sweep) format: VolumeFormat,
     /// By the plain program with many candidates, where the layering is optimal.
-    pub(super) exactly: bool,
-    pub(super) method: Method,
-    pub(super) stride_px: f32,
-    pub(super) degrees: f64,
+    pub(in crate::sweep) exactly: bool,
+    pub(in crate::sweep) method: Method,
+    pub(in crate::sweep) stride_px: f32,
+    pub(in crate::sweep) degrees: f64,
     /// Factor on the extinction.
-    pub(super) density: f32,
+    pub(in crate::sweep) density: f32,
 }
 
 impl Setting {
@@ -41,7 +41,7 @@ impl Setting {
 }
 
 /// Every layering at every number of layers, and the plain program that the optimal one is measured against.
-pub(super) fn layers(request: &Request<'_>) -> Vec<Setting> {
+pub(in crate::sweep) fn layers(request: &Request<'_>) -> Vec<Setting> {
     let counts: &[u8] = if request.quick { &[4] } else { &[2, 4, 8] };
     let of_count = |&count: &u8| {
         let mut settings: Vec<Setting> = [Layering::Quantiles, Layering::Merged, Layering::Optimal]
@@ -68,7 +68,7 @@ fn methods(request: &Request<'_>) -> Vec<Setting> {
 }
 
 /// Each method, further and further around.
-pub(super) fn angles(request: &Request<'_>) -> Vec<Setting> {
+pub(in crate::sweep) fn angles(request: &Request<'_>) -> Vec<Setting> {
     let angles: &[f64] = if request.quick { &[10.0] } else { &[5.0, 10.0, 15.0] };
     let at = |&degrees: &f64| {
         methods(request).into_iter().map(move |setting| Setting {
@@ -81,7 +81,7 @@ pub(super) fn angles(request: &Request<'_>) -> Vec<Setting> {
 }
 
 /// Each method, from almost clear to a surface.
-pub(super) fn densities(request: &Request<'_>) -> Vec<Setting> {
+pub(in crate::sweep) fn densities(request: &Request<'_>) -> Vec<Setting> {
     let densities: &[f32] = if request.quick { &[0.1, 10.0] } else { &[0.01, 0.1, 0.3, 1.0, 3.0, 10.0, 100.0] };
     let at = |&density: &f32| {
         methods(request)
@@ -93,7 +93,7 @@ pub(super) fn densities(request: &Request<'_>) -> Vec<Setting> {
 }
 
 /// The planes of layers in ever fewer bits, for two, four and eight of them.
-pub(super) fn compressions(request: &Request<'_>) -> Vec<Setting> {
+pub(in crate::sweep) fn compressions(request: &Request<'_>) -> Vec<Setting> {
     let counts: &[u8] = if request.quick { &[4] } else { &[2, 4, 8] };
     let codings: &[(ColorFormat, u8, u8)] = &[
         (ColorFormat::Half, 16, 16),

@@ -319,7 +319,7 @@ fn make_tiles<F: Floats>(
     let mut footprints = [Footprints::new(), Footprints::new()];
     for tile_x in 0..context.grid.tiles_x {
         tile.flow::<F>(context, &mut chain, (tile_x, tile_y), state);
-        if let Canvas::Radiance { .. } = canvas {
+        if let Canvas::Behind { .. } = canvas {
             note_depths(context, &tile, (tile_x, tile_y), canvas);
         }
         shade::<F>(context, &tile, (tile_x, tile_y), (canvas, half, state), &mut footprints);

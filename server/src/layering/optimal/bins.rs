@@ -263,18 +263,13 @@ impl Bins {
 
 #[cfg(test)]
 mod tests {
+    use super::super::random;
     use super::super::reduce::reduce;
     use super::*;
 
     /// Patches of matter of many magnitudes from a hash.
     fn ray(seed: u32, slices: usize) -> Profile {
-        let mut state = seed.wrapping_mul(0x9e37_79b9) | 1;
-        let mut next = || {
-            state ^= state << 13;
-            state ^= state >> 17;
-            state ^= state << 5;
-            f64::from(state) as f32 / u32::MAX as f32
-        };
+        let mut next = random(seed);
         let mut ray = Profile::default();
         ray.start(1.0 + next());
         let (mut is_matter, mut magnitude) = (true, -2.0);

@@ -247,20 +247,14 @@ impl Lanes {
 
 #[cfg(test)]
 mod tests {
-    use super::super::plain;
+    use super::super::{plain, random};
     use super::*;
     use crate::layering::Profile;
     use glam::Vec3;
 
     /// Rays of layered, patchy and empty matter from a hash.
     fn ray(seed: u32) -> Profile {
-        let mut state = seed.wrapping_mul(0x9e37_79b9) | 1;
-        let mut next = || {
-            state ^= state << 13;
-            state ^= state >> 17;
-            state ^= state << 5;
-            f64::from(state) as f32 / u32::MAX as f32
-        };
+        let mut next = random(seed);
         let mut ray = Profile::default();
         ray.start(2.0 + next());
         let bins = (next() * 32.0) as usize;

@@ -68,3 +68,15 @@ impl Programs {
         }
     }
 }
+
+/// Numbers from 0 to 1 by xorshift32 (Marsaglia 2003), for rays of tests.
+#[cfg(test)]
+fn random(seed: u32) -> impl FnMut() -> f32 {
+    let mut state = seed.wrapping_mul(0x9e37_79b9) | 1;
+    move || {
+        state ^= state << 13;
+        state ^= state >> 17;
+        state ^= state << 5;
+        f64::from(state) as f32 / u32::MAX as f32
+    }
+}
