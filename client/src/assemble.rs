@@ -1,14 +1,18 @@
-//! Strips to frames: decode, into planes ready to be warped.
+//! Strips and pictures to frames: decode, into planes ready to be warped.
 //!
 //! One tree is being filled while others are shown; trees that nobody shows any more are filled again, so a
 //! running session allocates nothing.
 
+mod pictures;
+
+pub(crate) use pictures::{PendingPictures, PictureDecoders};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Duration;
 use warplight_protocol::codec::{DecodeError, FrameShape, PlaneKind, StripDecoder};
 use warplight_protocol::frame::Tree;
-use warplight_protocol::message::{FrameBegin, FrameEnd, StripMessage};
+use warplight_protocol::message::{FrameBegin, FrameEnd, PictureMessage, StripMessage};
+use warplight_protocol::video::PictureHead;
 use warplight_protocol::{Camera, ImageSize, Pose, Timestamp};
 
 /// Bytes by node and kind of plane.
@@ -27,9 +31,9 @@ pub struct ReadyFrame {
     pub received: Timestamp,
     /// When it was decoded.
     pub decoded: Timestamp,
-    /// Time spent decoding its strips.
+    /// Time spent decoding its strips and pictures.
     pub decode_time: Duration,
-    /// Bytes of its strips.
+    /// Bytes of its strips and pictures.
     pub bytes: u64,
     /// Bytes of its planes.
     pub bytes_per_plane: BytesPerPlane,
@@ -39,6 +43,7 @@ pub struct ReadyFrame {
 #[derive(Debug, Default)]
 pub struct Assembler {
     decoder: StripDecoder,
+    pictures: PictureDecoders,
     current: Option<Partial>,
     retired: Vec<Arc<ReadyFrame>>,
 }
@@ -49,6 +54,9 @@ struct Partial {
     tree: Tree,
     strips_missing: usize,
     strip_seen: Vec<bool>,
+    pictures: PendingPictures,
+    /// Also where there are none.
+    are_pictures_decoded: bool,
     decode_time: Duration,
     bytes: u64,
     bytes_per_plane: BytesPerPlane,
@@ -69,6 +77,8 @@ impl Assembler {
             tree,
             strips_missing: strips,
             strip_seen: vec![false; strips],
+            pictures: PendingPictures::of(shape),
+            are_pictures_decoded: shape.pictures().is_empty(),
             decode_time: Duration::ZERO,
             bytes: 0,
             bytes_per_plane: BytesPerPlane::new(),
@@ -79,6 +89,11 @@ impl Assembler {
     /// Size of the frame that is being put together.
     pub fn size(&self) -> Option<ImageSize> {
         self.current.as_ref().map(|partial| partial.begin.shape.camera.size)
+    }
+
+    /// How many pictures the frame has that is being put together.
+    pub fn pictures(&self) -> usize {
+        self.current.as_ref().map_or(0, |partial| partial.begin.shape.pictures().len())
     }
 
     /// Decodes a strip. `elapsed` measures or models what that took: it is called once, after the work.
@@ -104,18 +119,48 @@ impl Assembler {
         Ok(())
     }
 
-    /// Ends a frame, whose strips must all be there.
+    /// Takes in a picture of the frame whose strips are all there, and decodes them all with the last. `elapsed` is as for
+    /// a strip.
+    pub fn picture(&mut self, picture: PictureMessage, elapsed: impl FnOnce() -> Duration) -> Result<(), DecodeError> {
+        let begun = |partial: &&mut Partial| partial.begin.id == picture.head.frame && partial.strips_missing == 0;
+        let Some(partial) = self.current.as_mut().filter(begun) else {
+            let expected = "one of the frame whose strips have come";
+            return Err(DecodeError::Malformed { field: "picture", expected });
+        };
+        let plane = (picture.head.node, picture.head.kind);
+        let bytes = (PictureHead::BYTES + picture.bytes.len()) as u64;
+        let shape = &partial.begin.shape;
+        partial.pictures.push(picture, shape.camera.size)?;
+        if partial.pictures.is_whole() {
+            self.pictures.decode(shape, &mut partial.pictures, &mut partial.tree)?;
+            partial.are_pictures_decoded = true;
+        }
+        partial.bytes += bytes;
+        partial.decode_time += elapsed();
+        *partial.bytes_per_plane.entry(plane).or_default() += bytes;
+        Ok(())
+    }
+
+    /// A session begins: its first pictures must be key pictures.
+    pub fn new_session(&mut self) {
+        self.current = None;
+        self.pictures.forget();
+    }
+
+    /// Ends a frame, whose strips and pictures must all be there.
     pub fn end(
         &mut self,
         end: FrameEnd,
         received: Timestamp,
         decoded: Timestamp,
     ) -> Result<Arc<ReadyFrame>, DecodeError> {
-        let whole = |partial: &Partial| partial.begin.id == end.id && partial.strips_missing == 0;
+        let whole = |partial: &Partial| {
+            partial.begin.id == end.id && partial.strips_missing == 0 && partial.are_pictures_decoded
+        };
         let Some(partial) = self.current.take().filter(whole) else {
             return Err(DecodeError::Malformed {
                 field: "end of frame",
-                expected: "all strips of the frame before it",
+                expected: "all strips and pictures of the frame before it",
             });
         };
         let Partial { begin, tree, decode_time, bytes, bytes_per_plane, .. } = partial;
@@ -145,7 +190,7 @@ mod tests {
             camera: Camera::symmetric(1.0, ImageSize::new(8, 20)),
             plan: Plan::mirror(),
             interfaces: Interfaces::default(),
-            format: FrameFormat::default(),
+            format: FrameFormat::exact(),
             volume: VolumeRange::default(),
             strip_rows: 8,
             exposure: 1.0,

@@ -11,6 +11,7 @@ pub mod display;
 pub mod embedded;
 mod lanes;
 pub mod link;
+pub mod loopback;
 pub mod march;
 pub mod measure;
 pub mod net;

@@ -263,7 +263,10 @@ impl Network {
 
     fn on_event(&mut self, event: Event, session: &mut ClientSession) -> Result<(), DecodeError> {
         let news = match event {
-            Event::Welcome(welcome) => News::Open(welcome),
+            Event::Welcome(welcome) => {
+                self.assembler.new_session();
+                News::Open(welcome)
+            }
             Event::FrameBegin(begin) => {
                 self.assembler.begin(begin);
                 return Ok(());
@@ -271,6 +274,10 @@ impl Network {
             Event::Strip(strip) => {
                 let start = Instant::now();
                 return self.assembler.strip(&strip, || start.elapsed());
+            }
+            Event::Picture(picture) => {
+                let start = Instant::now();
+                return self.assembler.picture(picture, || start.elapsed());
             }
             Event::FrameEnd(end) => {
                 let now = self.now();

@@ -14,7 +14,7 @@ use std::sync::{Mutex, MutexGuard};
 use std::time::Duration;
 use warplight_protocol::codec::samples::{self, Packing, Predictor};
 use warplight_protocol::codec::{FrameShape, PlaneBytes, PlaneKind, StripDecoder, StripEncoder};
-use warplight_protocol::frame::{ColorFormat, FrameFormat, Tree};
+use warplight_protocol::frame::{ColorCoding, ColorFormat, DepthBound, DepthFormat, FrameFormat, Tree};
 
 const STRIP_ROWS: u16 = 64;
 /// Standard deviation over the mean of a pixel's radiance: none, 64 and 4 samples per pixel of a diffuse room.
@@ -95,12 +95,19 @@ fn print_cpu(shape: &FrameShape, tree: &mut Tree) {
     println!("  CPU time of one core: encode {encode_ms:.1} ms, decode {decode_ms:.1} ms");
 }
 
+/// Depth within a quarter of a pixel for 20 cm, the default bound.
+fn bounded(color_coding: ColorCoding) -> FrameFormat {
+    FrameFormat { color_coding, depth: DepthFormat::Bounded(DepthBound::default()), ..FrameFormat::default() }
+}
+
 /// Whole frames on all cores: the rate a session can hold.
 fn frames(c: &mut Criterion) {
     let mut group = c.benchmark_group("frame");
     let formats = [
         ("root8", FrameFormat::default()),
-        ("root10 d24", FrameFormat { color: ColorFormat::Root10, root_depth_bits: 24, ..FrameFormat::default() }),
+        ("root8 bounded", bounded(ColorCoding::Bounded { error: 2 })),
+        ("bounded without colour", bounded(ColorCoding::Video { quantiser: 26 })),
+        ("root10 d24", FrameFormat { color: ColorFormat::Root10, ..FrameFormat::default() }.with_depth_bits(24, 16)),
     ];
     for (name, format) in formats {
         for noise in NOISE {

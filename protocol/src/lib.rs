@@ -13,6 +13,7 @@ pub mod optics;
 pub mod pose;
 pub mod time;
 pub mod tone;
+pub mod video;
 pub mod wire;
 
 pub use camera::{Camera, FieldOfView, ImageSize};

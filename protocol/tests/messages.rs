@@ -77,11 +77,11 @@ fn a_payload_cut_at_any_byte_is_refused_or_shorter() {
                 Err(_) => {}
                 // These have no length of their own: the framing's is all there is.
                 Ok(Message::Poses(samples)) => assert!(samples.is_empty() && end == 0),
-                Ok(Message::Strip(_) | Message::Error { .. }) => {}
+                Ok(Message::Strip(_) | Message::Picture(_) | Message::Error { .. }) => {}
                 Ok(other) => panic!("{end} of {} bytes are {other:?}", bytes.len()),
             }
         }
-        if !matches!(message, Message::Strip(_) | Message::Error { .. }) {
+        if !matches!(message, Message::Strip(_) | Message::Picture(_) | Message::Error { .. }) {
             assert!(read(message.kind(), &[&bytes[..], &[0]].concat()).is_err(), "a byte too many: {message:?}");
         }
     }
@@ -107,13 +107,13 @@ proptest! {
     #![proptest_config(ProptestConfig { cases: 2000, ..ProptestConfig::default() })]
 
     #[test]
-    fn any_bytes_are_refused_or_a_message(kind in 0..13_usize, bytes in prop::collection::vec(any::<u8>(), 0..200)) {
+    fn any_bytes_are_refused_or_a_message(kind in 0..14_usize, bytes in prop::collection::vec(any::<u8>(), 0..200)) {
         try_read(MessageKind::ALL[kind], &bytes);
     }
 
     #[test]
     fn any_changed_bytes_are_refused_or_a_message(
-        kind in 0..13_usize,
+        kind in 0..14_usize,
         changes in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..8),
     ) {
         let mut bytes = payload(&messages()[kind]);
@@ -162,11 +162,11 @@ fn a_length_beyond_the_limit_is_refused_before_its_bytes_come() {
 fn after_an_error_the_stream_is_lost() {
     let mut deframer = Deframer::new(Limits::default());
     deframer.push(&framed(&Message::Bye));
-    deframer.push(&[1, 0, 0, 0, 14]);
+    deframer.push(&[1, 0, 0, 0, 15]);
     deframer.push(&framed(&Message::Bye));
     assert_eq!(deframer.next_message(), Ok(Some(Message::Bye)));
     for _ in 0..3 {
-        let error = Err(DecodeError::Unsupported { field: "kind of message", found: 14 });
+        let error = Err(DecodeError::Unsupported { field: "kind of message", found: 15 });
         assert_eq!(deframer.next_message(), error);
         deframer.push(&vec![0; 1 << 20]);
         assert_eq!(deframer.pending_bytes(), 0);
@@ -200,13 +200,15 @@ fn spoiled(kind: MessageKind, at: usize, bytes: &[u8]) -> DecodeError {
 fn reserved_bits_and_numbers_that_are_none_are_refused_by_name() {
     let nan = f32::NAN.to_le_bytes();
     for (kind, at, bytes, says) in [
-        (MessageKind::Hello, 6, &4_u32.to_le_bytes()[..], "capability bits: 4"),
+        (MessageKind::Hello, 6, &8_u32.to_le_bytes()[..], "capability bits: 8"),
         (MessageKind::Hello, 6 + 18, &0_u32.to_le_bytes(), "camera"),
         (MessageKind::Hello, 6 + 18 + 24, &1_u32.to_le_bytes(), "camera"),
         (MessageKind::Hello, 6 + 18 + 28, &2_u32.to_le_bytes(), "hello"),
         (MessageKind::Hello, 6 + 18 + 32, &nan, "frame rate"),
         (MessageKind::Hello, 6 + 18 + 36, &9_u32.to_le_bytes(), "hello"),
-        (MessageKind::Hello, 6 + 18 + 40, &[25], "format"),
+        (MessageKind::Hello, 6 + 18 + 40, &3_u32.to_le_bytes(), "hello"),
+        (MessageKind::Hello, 6 + 18 + 44, &2_u32.to_le_bytes(), "hello"),
+        (MessageKind::Hello, 6 + 18 + 48, &[25], "format"),
         (MessageKind::Welcome, 3, &[0x80], "capability bits"),
         (MessageKind::Welcome, 59, &f64::NAN.to_le_bytes(), "head"),
         (MessageKind::Welcome, 59 + 56, &nan, "exposure"),
@@ -216,6 +218,8 @@ fn reserved_bits_and_numbers_that_are_none_are_refused_by_name() {
         (MessageKind::StillRequest, 69, &[2], "still request"),
         (MessageKind::StillRequest, 28, &[0xff], "still request"),
         (MessageKind::Poses, 32, &[0xff], "pose"),
+        (MessageKind::Picture, 5, &[3], "kind of picture"),
+        (MessageKind::Picture, 18, &nan, "white of picture"),
         (MessageKind::FrameBegin, 4, &2_u32.to_le_bytes(), "frame begin"),
     ] {
         let error = spoiled(kind, at, bytes).to_string();

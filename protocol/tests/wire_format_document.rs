@@ -9,8 +9,8 @@ use std::collections::BTreeMap;
 use warplight_protocol::codec::samples::{Packing, Predictor};
 use warplight_protocol::codec::{FrameShape, Limits, PLANE_HEADER_BYTES, PlaneKind, STRIP_HEADER_BYTES, StripDecoder};
 use warplight_protocol::frame::{
-    ColorFormat, DepthCoding, FrameFormat, Layering, MAX_INTERFACES, MAX_LAYERS, MAX_NODES, Plan, VolumeFormat,
-    thesis_bits,
+    ColorCoding, ColorFormat, DepthBound, DepthCoding, FrameFormat, Layering, MAX_INTERFACES, MAX_LAYERS, MAX_NODES,
+    Plan, VolumeFormat, thesis_bits,
 };
 use warplight_protocol::message::{
     Capabilities, ErrorCode, MAGIC, MAX_ERROR_TEXT_BYTES, MAX_POSE_SAMPLES, Message, MessageKind, VERSION,
@@ -89,7 +89,7 @@ fn kinds_of_messages_are_those_of_the_code() {
         .collect();
     assert_eq!(flow, table.iter().map(|row| (row[1], row[2])).collect());
     // One less or one more is nothing yet.
-    for code in [0, 14, 255] {
+    for code in [0, 15, 255] {
         assert!(MessageKind::from_code(code).is_err());
     }
 }
@@ -108,9 +108,10 @@ fn errors_capabilities_and_formats_are_those_of_the_code() {
     assert_eq!(errors, known.map(|code| format!("{} {code:?}", code as u16)));
 
     let bits = rows("bit | capability");
-    assert_eq!(bits, [["0", "RAY_TREE"], ["1", "STILLS"]]);
+    assert_eq!(bits, [["0", "RAY_TREE"], ["1", "STILLS"], ["2", "VIDEO"]]);
     assert_eq!(Capabilities::RAY_TREE.0, 1);
     assert_eq!(Capabilities::STILLS.0, 1 << 1);
+    assert_eq!(Capabilities::VIDEO.0, 1 << 2);
     assert_eq!(Capabilities::ALL.0, (1 << bits.len()) - 1);
 
     let colors: Vec<_> = rows("code | color | bits | code of v | value of code c")
@@ -123,8 +124,17 @@ fn errors_capabilities_and_formats_are_those_of_the_code() {
 
     let allowed: BTreeMap<_, _> = rows("field | type | allowed").into_iter().map(|row| (row[0], row[2])).collect();
     let range = |range: std::ops::RangeInclusive<u8>| format!("{} to {}", range.start(), range.end());
-    assert_eq!(allowed["format.root_depth_bits"], range(FrameFormat::DEPTH_BITS));
-    assert_eq!(allowed["format.child_depth_bits"], range(FrameFormat::DEPTH_BITS));
+    let wide = |range: std::ops::RangeInclusive<u16>| format!("{} to {}", range.start(), range.end());
+    let says = |field: &str, what: String| assert!(allowed[field].contains(&what), "{field}: {what}");
+    says("format.color_coding", format!("Exact, Bounded(u8 error, {}; not with Half)", range(ColorCoding::ERRORS)));
+    says("format.color_coding", format!("Video(u8 quantiser, {};", range(ColorCoding::QUANTISERS)));
+    says(
+        "format.depth",
+        format!("Codes(u8 bits of the root, u8 bits of a child, each {})", range(FrameFormat::DEPTH_BITS)),
+    );
+    says("format.depth", format!("u16 error in hundredths of a pixel, {};", wide(DepthBound::ERRORS_CENTI_PX)));
+    says("format.depth", format!("u16 motion in millimetres, {};", wide(DepthBound::MOTIONS_MM)));
+    says("format.depth", format!("u8 factor of a child, {})", range(DepthBound::CHILD_FACTORS)));
     assert_eq!(allowed["format.normal_bits"], range(FrameFormat::NORMAL_BITS));
     assert_eq!(allowed["format.shape_bits"], format!("0: not sent; else {}", range(FrameFormat::SHAPE_BITS)));
     assert_eq!(allowed["format.volume.layers"], format!("0 to {MAX_LAYERS}"));
@@ -162,17 +172,15 @@ fn kinds_of_planes_are_those_of_the_code() {
     let shape = FrameShape { plan: Plan::solid(), ..shape() };
     for (row, kind) in table.iter().zip(PlaneKind::ALL) {
         assert_eq!(row[..2], [(kind as u8).to_string(), format!("{kind:?}")]);
-        let (predictor, packing) = kind.coding();
-        if kind == PlaneKind::Validity {
-            assert_eq!(row[4..], ["row above", "mask"]);
-        } else {
-            assert_eq!(row[4..], [format!("{predictor:?}"), format!("{packing:?}")]);
+        match kind.coding() {
+            None => assert_eq!(row[4..], ["coarse to fine", "coarse to fine"]),
+            Some((predictor, packing)) => assert_eq!(row[4..], [format!("{predictor:?}"), format!("{packing:?}")]),
         }
         let (_, _, bits) = shape.planes().into_iter().find(|plane| plane.1 == kind).unwrap();
         let each = match kind {
             PlaneKind::Validity => 1,
             PlaneKind::Radiance => shape.format.color.bits(),
-            PlaneKind::Depth => shape.format.root_depth_bits.into(),
+            PlaneKind::Depth => 16,
             PlaneKind::Interface => shape.interfaces.bits(),
             PlaneKind::Normal => shape.format.normal_bits.into(),
             PlaneKind::Shape => shape.format.shape_bits.into(),

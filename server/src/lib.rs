@@ -15,6 +15,7 @@ pub mod integrator;
 pub mod layering;
 pub mod march;
 pub mod net;
+pub mod pictures;
 pub mod predict;
 pub mod scene;
 pub mod service;

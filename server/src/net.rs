@@ -1,9 +1,10 @@
 //! Sessions over TCP and real time: the only file of the server with sockets and a clock.
 //!
-//! One task per client owns its session; a thread beside it renders. Nothing is written ahead: the next
+//! One task per client owns its session; one thread beside it renders, another encodes pictures. Nothing is written ahead: the next
 //! message is taken from the session only when the last has gone to the socket, so what is sent is as fresh
 //! as the link allows.
 
+use crate::pictures::{EncodeJob, PictureStream, RenderedPictures};
 use crate::service::Service;
 use crate::session::{RenderJob, ServerSession, SessionEnd};
 use crate::stream::FrameStream;
@@ -16,6 +17,8 @@ use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::{Semaphore, mpsc};
 use warplight_protocol::Timestamp;
 use warplight_protocol::frame::FrameId;
+use warplight_protocol::message::PictureMessage;
+use warplight_protocol::video::VideoError;
 
 /// Sessions at a time; further clients wait to be accepted.
 pub const MAX_SESSIONS: usize = 8;
@@ -64,8 +67,24 @@ pub async fn serve(listener: TcpListener, service: Service) -> io::Result<()> {
 
 /// What the rendering thread reports.
 enum Progress {
-    Strip { at: Instant, frame: FrameId, bytes: Vec<u8> },
-    End { at: Instant, frame: FrameId, render_end: Instant, counters: Vec<(String, u64)> },
+    Strip {
+        at: Instant,
+        frame: FrameId,
+        bytes: Vec<u8>,
+    },
+    /// With the pictures of the frame, not yet encoded.
+    End {
+        at: Instant,
+        frame: FrameId,
+        render_end: Instant,
+        counters: Vec<(String, u64)>,
+        pictures: Option<RenderedPictures>,
+    },
+    Encoded {
+        at: Instant,
+        frame: FrameId,
+        pictures: Result<Vec<PictureMessage>, VideoError>,
+    },
 }
 
 async fn run_session(mut socket: TcpStream, service: Service) -> io::Result<SessionEnd> {
@@ -74,13 +93,19 @@ async fn run_session(mut socket: TcpStream, service: Service) -> io::Result<Sess
     let time_of = |instant: Instant| Timestamp { micros: instant.saturating_duration_since(epoch).as_micros() as u64 };
     let now = || time_of(Instant::now());
     let mut session = ServerSession::new(service.session.clone(), now());
+    let mut pictures = PictureStream::new(service.options.threads);
     let mut stream = FrameStream::new(service);
+    let (encode_sender, encode_receiver) = jobs::channel();
     let (job_sender, job_receiver) = jobs::channel();
     let (progress_sender, mut progress) = mpsc::unbounded_channel();
-    // The thread ends with the sender of its jobs.
+    let encoded_sender = progress_sender.clone();
+    // Each thread ends with the sender of its jobs.
     std::thread::Builder::new()
         .name("render".to_owned())
         .spawn(move || render_jobs(&job_receiver, &progress_sender, &mut stream))?;
+    std::thread::Builder::new()
+        .name("encode".to_owned())
+        .spawn(move || encode_jobs(&encode_receiver, &encoded_sender, &mut pictures))?;
 
     let (mut reader, mut writer) = socket.split();
     let mut received = vec![0; 64 << 10];
@@ -94,6 +119,9 @@ async fn run_session(mut socket: TcpStream, service: Service) -> io::Result<Sess
             outgoing.clear();
             written = 0;
             session.poll_transmit(now(), &mut outgoing);
+        }
+        if let Some(job) = session.poll_encode() {
+            encode_sender.send(job).map_err(|_| io::Error::other("the encoding thread is gone"))?;
         }
         if let Some(end) = session.end().cloned() {
             while session.poll_transmit(now(), &mut outgoing) {}
@@ -114,8 +142,14 @@ async fn run_session(mut socket: TcpStream, service: Service) -> io::Result<Sess
             sent = writer.write(&outgoing[written..]), if written < outgoing.len() => written += sent?,
             Some(event) = progress.recv() => match event {
                 Progress::Strip { at, frame, bytes } => session.on_strip(time_of(at), frame, bytes),
-                Progress::End { at, frame, render_end, counters } => {
+                Progress::End { at, frame, render_end, counters, pictures } => {
+                    if let Some(pictures) = pictures {
+                        session.on_pictures(frame, pictures);
+                    }
                     session.on_render_end(time_of(at), frame, time_of(render_end), counters);
+                }
+                Progress::Encoded { at, frame, pictures } => {
+                    session.on_encoded(time_of(at), frame, pictures.map_err(io::Error::other)?);
                 }
             },
             () = tokio::time::sleep_until(wake.into()) => session.on_timeout(now()),
@@ -134,9 +168,20 @@ fn render_jobs(jobs: &jobs::Receiver<RenderJob>, progress: &mpsc::UnboundedSende
         };
         // Nobody listens once the session is over; then the jobs end as well.
         let on_strip = |bytes| drop(progress.send(Progress::Strip { at: Instant::now(), frame, bytes }));
-        stream.run(&job, &on_rendered, &on_strip);
+        let pictures = stream.run(&job, &on_rendered, &on_strip);
         let at = Instant::now();
         let render_end = render_end.lock().map_or(at, |latest| *latest);
-        let _ = progress.send(Progress::End { at, frame, render_end, counters: stream.counters() });
+        let _ = progress.send(Progress::End { at, frame, render_end, counters: stream.counters(), pictures });
+    }
+}
+
+fn encode_jobs(
+    jobs: &jobs::Receiver<EncodeJob>,
+    progress: &mpsc::UnboundedSender<Progress>,
+    stream: &mut PictureStream,
+) {
+    for job in jobs {
+        let pictures = stream.encode(&job);
+        let _ = progress.send(Progress::Encoded { at: Instant::now(), frame: job.frame, pictures });
     }
 }

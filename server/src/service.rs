@@ -100,6 +100,7 @@ impl Service {
     pub fn new(scene: Scene, options: ServiceOptions) -> Result<Service, ThreadPoolBuildError> {
         let scene = Arc::new(scene);
         let renderer = Arc::new(FrameRenderer::new(scene.clone()));
+        let pool = |threads| render_pool("render", threads);
         let live_pool = Arc::new(pool(options.threads)?);
         let is_same = options.threads == options.still_threads;
         let still_pool = if is_same { live_pool.clone() } else { Arc::new(pool(options.still_threads)?) };
@@ -127,7 +128,8 @@ impl Service {
 /// frames still come on a busy machine.
 const RENDER_PRIORITY: u8 = 10;
 
-fn pool(threads: usize) -> Result<ThreadPool, ThreadPoolBuildError> {
+/// Threads that give way, one per core where `threads` is 0.
+pub(crate) fn render_pool(purpose: &'static str, threads: usize) -> Result<ThreadPool, ThreadPoolBuildError> {
     // Whoever sends, decodes or displays on the same machine goes first: rendering takes what is left.
     let give_way = |_| {
         let priority = RENDER_PRIORITY.try_into().map_or(ThreadPriority::Min, ThreadPriority::Crossplatform);
@@ -135,6 +137,6 @@ fn pool(threads: usize) -> Result<ThreadPool, ThreadPoolBuildError> {
             tracing::debug!("rendering threads keep their priority: {error:?}");
         }
     };
-    let name = |index| format!("render-{index}");
+    let name = move |index| format!("{purpose}-{index}");
     ThreadPoolBuilder::new().num_threads(threads).thread_name(name).start_handler(give_way).build()
 }

@@ -3,6 +3,7 @@
 use crate::cache::CacheSettings;
 use crate::counters::Counters;
 use crate::frame::{BAND_ROWS, FrameRenderer, FrameRequest, LayersRequest, LiveFrames};
+use crate::pictures::{PictureSource, RenderedPictures};
 use crate::service::{Estimator, Service};
 use crate::session::RenderJob;
 use std::sync::{Mutex, PoisonError};
@@ -27,6 +28,7 @@ pub struct FrameStream {
     /// From the first live frame that asks for it.
     live: Option<LiveFrames>,
     encoders: Mutex<Vec<StripEncoder>>,
+    pictures: PictureSource,
     counters: Counters,
 }
 
@@ -37,12 +39,25 @@ impl FrameStream {
         let tree = Tree::new(Pose::IDENTITY, camera, Plan::diffuse(), Interfaces::default());
         let renderer = &service.renderer;
         let moving = renderer.moves().then(|| Box::new(renderer.copy()));
-        FrameStream { service, moving, tree, live: None, encoders: Mutex::default(), counters: Counters::default() }
+        FrameStream {
+            service,
+            moving,
+            tree,
+            live: None,
+            encoders: Mutex::default(),
+            pictures: PictureSource::default(),
+            counters: Counters::default(),
+        }
     }
 
     /// Renders and encodes a frame on all cores. `on_rendered` is called when a band is rendered, `on_strip`
-    /// when it is encoded; both by any worker and in no order.
-    pub fn run(&mut self, job: &RenderJob, on_rendered: &(dyn Fn() + Sync), on_strip: &(dyn Fn(Vec<u8>) + Sync)) {
+    /// when it is encoded; both by any worker and in no order. Returns the frame's pictures where its format has some.
+    pub fn run(
+        &mut self,
+        job: &RenderJob,
+        on_rendered: &(dyn Fn() + Sync),
+        on_strip: &(dyn Fn(Vec<u8>) + Sync),
+    ) -> Option<RenderedPictures> {
         let shape = &job.begin.shape;
         let format = shape.format.volume;
         let request = FrameRequest {
@@ -55,7 +70,7 @@ impl FrameStream {
             // Each frame has noise of its own, or it would stick to the screen.
             seed: self.service.options.seed.wrapping_mul(0x9e37_79b9_7f4a_7c15).wrapping_add(u64::from(job.begin.id.0)),
         };
-        let FrameStream { service, moving, tree, live, encoders, counters } = self;
+        let FrameStream { service, moving, tree, live, encoders, pictures, counters } = self;
         // Shared by the workers: no longer this method's alone.
         let encoders = &*encoders;
         let on_band = |band: &TreeRows<'_>| {
@@ -86,6 +101,8 @@ impl FrameStream {
             }
             _ => renderer.render(&request, tree, counters, &on_band),
         });
+        // What is left of the frame needs whole planes: a picture is predicted from all of the one before.
+        pool.install(|| pictures.render(shape, tree))
     }
 
     /// The planes of the last frame, as they were before quantisation.

@@ -83,6 +83,7 @@ impl Pair {
             viewport: Viewport::Plane,
             frame_hz: options.frame_hz,
             format: FrameFormat::default(),
+            target_kbps: 0,
         };
         Pair {
             options,

@@ -1,27 +1,16 @@
 //! Frames of the scenes, as the client gets them: traced, quantised, coded and decoded by the formats of the wire.
 
 use super::AnalyticScene;
+use crate::loopback::{Loopback, ReceivedFrame};
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
-use std::collections::BTreeMap;
-use warplight_protocol::codec::{DecodeError, FrameShape, PlaneKind, StripDecoder, StripEncoder};
+use warplight_protocol::codec::{DecodeError, FrameShape};
 use warplight_protocol::frame::{FrameFormat, Interfaces, Tree, VolumeRange};
 use warplight_protocol::optics::Interface;
 use warplight_protocol::{Camera, Pose};
 
 /// Rows of a strip, as the server sends them.
 const STRIP_ROWS: u16 = 32;
-
-/// A frame that went over the wire.
-#[derive(Clone, Debug)]
-pub struct ReceivedFrame {
-    /// With the values that arrived.
-    pub tree: Tree,
-    /// Bytes of all strips.
-    pub bytes: usize,
-    /// Bytes of the planes of each kind.
-    pub plane_bytes: BTreeMap<PlaneKind, usize>,
-}
 
 /// Sends a tree without layers over the wire in this format.
 pub fn through_the_wire(tree: Tree, format: FrameFormat) -> Result<ReceivedFrame, DecodeError> {
@@ -34,27 +23,7 @@ pub fn through_the_wire(tree: Tree, format: FrameFormat) -> Result<ReceivedFrame
         strip_rows: STRIP_ROWS,
         exposure: 1.0,
     };
-    send(tree, &shape)
-}
-
-/// Sends a tree over the wire as a frame of this shape.
-pub fn send(mut tree: Tree, shape: &FrameShape) -> Result<ReceivedFrame, DecodeError> {
-    let mut received = ReceivedFrame { tree: shape.tree(tree.render_pose), bytes: 0, plane_bytes: BTreeMap::new() };
-    let rows = u32::from(shape.strip_rows);
-    let bands = tree.bands_mut(rows).into_par_iter().zip(received.tree.bands_mut(rows));
-    let planes = bands.map(|(sent, mut got)| {
-        let mut bytes = Vec::new();
-        let planes = StripEncoder::default().encode(shape, &sent, &mut bytes);
-        StripDecoder::default().decode(shape, &bytes, &mut got)?;
-        Ok((bytes.len(), planes))
-    });
-    for (bytes, planes) in planes.collect::<Result<Vec<_>, DecodeError>>()? {
-        received.bytes += bytes;
-        for plane in planes {
-            *received.plane_bytes.entry(plane.kind).or_default() += plane.bytes;
-        }
-    }
-    Ok(received)
+    Loopback::default().send(tree, &shape)
 }
 
 /// Radiance of the room: smooth, so that bytes are those of a picture without noise.
@@ -118,7 +87,7 @@ mod tests {
         let camera = Camera::symmetric(1.5, ImageSize::new(128, 96));
         for scene in AnalyticScene::SWEPT {
             let sent = scene.tree(&camera, &scene.eye());
-            let received = through_the_wire(sent.clone(), FrameFormat::default()).unwrap();
+            let received = through_the_wire(sent.clone(), FrameFormat::exact()).unwrap();
             assert!(received.bytes >= received.plane_bytes.values().sum(), "{scene:?}");
             let boundaries = sent.nodes[0].interface.iter().filter(|&&interface| interface != 0).count();
             assert!(boundaries > sent.nodes[0].interface.len() / 20, "{scene:?} {boundaries}");

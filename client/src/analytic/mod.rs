@@ -16,6 +16,6 @@ mod frame;
 mod scenes;
 mod truth;
 
-pub use frame::{ReceivedFrame, send, through_the_wire};
+pub use frame::through_the_wire;
 pub use scenes::{AnalyticScene, Bounce};
 pub use truth::{FlowErrors, Truth};

@@ -1,16 +1,16 @@
 //! `bench`: what each stage of the client costs, on frames made here.
 
-use super::{Failure, bench_frames, bench_volumes};
+use super::{Failure, bench_codec, bench_frames, bench_volumes};
 use crate::lanes::Level;
 use crate::warp::{Mode, Normals, Solver, Stage, Warper};
 use anyhow::Context;
 use clap::Args;
 use image::RgbImage;
-use rayon::prelude::*;
 use serde::Serialize;
 use std::collections::BTreeMap;
+use std::path::PathBuf;
 use std::time::Instant;
-use warplight_protocol::codec::{FrameShape, PlaneBytes, StripDecoder, StripEncoder};
+use warplight_protocol::codec::FrameShape;
 use warplight_protocol::frame::{FrameFormat, Tree, VolumeRange};
 use warplight_protocol::{Camera, ImageSize, Pose};
 use warplight_server::counters::Counters;
@@ -25,13 +25,13 @@ pub(super) struct BenchArgs {
     /// Size of the frames.
     #[arg(long, default_value = "1024x1024", value_name = "WxH")]
     size: ImageSize,
-    /// Scene whose frame is used: a built-in name, or a path.
+    /// Scene whose frames are used: a built-in name, or a path.
     #[arg(long, default_value = DEFAULT_SCENE, value_name = "S")]
     scene: String,
     /// Counted runs of each stage.
     #[arg(long, default_value_t = 15, value_parser = clap::value_parser!(u32).range(1..=10_000))]
     runs: u32,
-    /// Samples per pixel of the frame: its noise is what colour costs.
+    /// Samples per pixel of the frame of case scene.
     #[arg(long, default_value_t = 4, value_parser = clap::value_parser!(u32).range(1..=4096))]
     spp: u32,
     /// How mode `specular` searches what boundaries show: frozen-distance[:STEPS], gauss-newton[:STEPS],
@@ -48,6 +48,9 @@ pub(super) struct BenchArgs {
     /// given.
     #[arg(long, value_name = "LEVEL")]
     level: Option<Level>,
+    /// Folder for the planes of a frame of case codec, before and after each format, as raw floats.
+    #[arg(long, value_name = "DIR")]
+    planes: Option<PathBuf>,
     /// Print one JSON document.
     #[arg(long)]
     json: bool,
@@ -88,17 +91,23 @@ pub(super) struct Bench {
 
 impl Bench {
     /// Times `work` after one run that is not counted.
-    pub(super) fn time(&mut self, case: &str, stage: &str, bits_per_pixel: Option<f64>, mut work: impl FnMut()) {
+    pub(super) fn time(&mut self, case: &str, stage: &str, mut work: impl FnMut()) {
         work();
-        let mut millis: Vec<f64> = (0..self.runs)
+        let millis = (0..self.runs)
             .map(|_| {
                 let start = Instant::now();
                 work();
                 start.elapsed().as_secs_f64() * 1e3
             })
             .collect();
+        self.push(case, stage, None, millis);
+    }
+
+    /// Takes in what was measured; without times it is a size alone.
+    pub(super) fn push(&mut self, case: &str, stage: &str, bits_per_pixel: Option<f64>, mut millis: Vec<f64>) {
         millis.sort_by(f64::total_cmp);
-        let median_ms = millis[millis.len() / 2];
+        let at = |index: usize| millis.get(index).copied().unwrap_or(0.0);
+        let median_ms = at(millis.len() / 2);
         let size = self.camera.size;
         self.rows.push(Row {
             case: case.to_owned(),
@@ -106,12 +115,12 @@ impl Bench {
             size: [size.width, size.height],
             k: None,
             angle_deg: None,
-            runs: self.runs,
-            min_ms: millis[0],
+            runs: millis.len() as u32,
+            min_ms: at(0),
             median_ms,
-            max_ms: millis[millis.len() - 1],
+            max_ms: at(millis.len().saturating_sub(1)),
             bits_per_pixel,
-            megapixels_per_s: Some(size.pixels() as f64 * 1e-3 / median_ms),
+            megapixels_per_s: (median_ms > 0.0).then(|| size.pixels() as f64 * 1e-3 / median_ms),
         });
     }
 }
@@ -131,15 +140,13 @@ pub(super) fn run(arguments: &BenchArgs) -> Result<(), Failure> {
     };
     let only = arguments.only.as_str();
     let is_wanted = |case: &str| only.is_empty() || case == only || case.split(' ').next() == Some(only);
-    let (of_codec, of_scene) = (format!("codec {}", scene.name), format!("scene {}", scene.name));
-    if is_wanted(&of_codec) || is_wanted(&of_scene) {
+    if is_wanted(&format!("codec {}", scene.name)) {
+        bench_codec::run(&mut bench, &arguments.scene, arguments.planes.as_deref())?;
+    }
+    let of_scene = format!("scene {}", scene.name);
+    if is_wanted(&of_scene) {
         let frame = render(&scene, camera, arguments.spp);
-        if is_wanted(&of_codec) {
-            codec(&mut bench, &of_codec, &scene, &frame)?;
-        }
-        if is_wanted(&of_scene) {
-            warp_stages(&mut bench, &of_scene, &frame, &bench_frames::moved(&frame.render_pose), scene.exposure);
-        }
+        warp_stages(&mut bench, &of_scene, &frame, &bench_frames::moved(&frame.render_pose), scene.exposure);
     }
     for plan in bench_frames::plans() {
         let case = format!("surface {}", bench_frames::name(&plan));
@@ -195,71 +202,6 @@ fn render(scene: &Scene, camera: Camera, spp: u32) -> Tree {
     tree
 }
 
-fn codec(bench: &mut Bench, case: &str, scene: &Scene, frame: &Tree) -> Result<(), Failure> {
-    let shape = FrameShape {
-        camera: frame.camera,
-        plan: frame.plan.clone(),
-        interfaces: frame.interfaces.clone(),
-        format: FrameFormat::default(),
-        volume: VolumeRange::default(),
-        strip_rows: STRIP_ROWS,
-        exposure: scene.exposure,
-    };
-    let mut source = frame.clone();
-    let mut encode = || -> Vec<(Vec<u8>, Vec<PlaneBytes>)> {
-        let bands = source.bands_mut(u32::from(STRIP_ROWS));
-        let coded = bands.into_par_iter().map_init(
-            || StripEncoder::new(StripEncoder::DEFAULT_LEVEL),
-            |encoder, band| {
-                let mut strip = Vec::new();
-                let planes = encoder.encode(&shape, &band, &mut strip);
-                (strip, planes)
-            },
-        );
-        coded.collect()
-    };
-    let strips = encode();
-    let pixels = frame.camera.size.pixels() as f64;
-    let bits = |bytes: usize| bytes as f64 * 8.0 / pixels;
-    let whole = bits(strips.iter().map(|(strip, _)| strip.len()).sum());
-    bench.time(case, "encode", Some(whole), || drop(encode()));
-    let mut target = frame.clone();
-    let mut decode = || -> Result<(), warplight_protocol::codec::DecodeError> {
-        let bands = target.bands_mut(u32::from(STRIP_ROWS));
-        bands
-            .into_par_iter()
-            .zip(&strips)
-            .try_for_each_init(StripDecoder::default, |decoder, (mut band, (strip, _))| {
-                decoder.decode(&shape, strip, &mut band).map(drop)
-            })
-    };
-    decode().context("decoding a strip just encoded")?;
-    bench.time(case, "decode", Some(whole), || drop(decode()));
-    let mut planes: BTreeMap<_, usize> = BTreeMap::new();
-    for plane in strips.iter().flat_map(|(_, planes)| planes) {
-        *planes.entry((plane.node, plane.kind)).or_default() += plane.bytes;
-    }
-    let size = [frame.camera.size.width, frame.camera.size.height];
-    for ((node, kind), bytes) in planes {
-        let stage = kind.name_in(&shape.plan, node);
-        let bits_per_pixel = Some(bits(bytes));
-        bench.rows.push(Row {
-            case: case.to_owned(),
-            stage,
-            size,
-            k: None,
-            angle_deg: None,
-            runs: 0,
-            min_ms: 0.0,
-            median_ms: 0.0,
-            max_ms: 0.0,
-            bits_per_pixel,
-            megapixels_per_s: None,
-        });
-    }
-    Ok(())
-}
-
 /// The frame as a format without shape operators brings it: the client then takes differences.
 fn without_shapes(frame: &Tree) -> Tree {
     let mut tree = frame.clone();
@@ -286,20 +228,20 @@ fn warp_stages(bench: &mut Bench, case: &str, frame: &Tree, display_pose: &Pose,
     for mode in Mode::ALL {
         if mode == Mode::Specular && frame.nodes.iter().any(|planes| planes.shape_at(0).is_some()) {
             let frame = without_shapes(frame);
-            bench.time(case, "prepare, no F.shape", None, || warper.prepare(mode, &frame));
+            bench.time(case, "prepare, no F.shape", || warper.prepare(mode, &frame));
         }
         let [prepare, total] = match mode {
             // What a display frame costs by default.
             Mode::Specular => ["prepare".to_owned(), "total".to_owned()],
             _ => [format!("{}: prepare", mode.name()), mode.name().to_owned()],
         };
-        bench.time(case, &prepare, None, || warper.prepare(mode, frame));
-        bench.time(case, &total, None, || {
+        bench.time(case, &prepare, || warper.prepare(mode, frame));
+        bench.time(case, &total, || {
             warper.show(mode, frame, display_pose, &camera, exposure, &mut picture);
         });
     }
     bench.interpolated_tiles.insert(case.to_owned(), warper.smooth_tiles());
     for stage in Stage::ALL {
-        bench.time(case, stage.name(), None, || warper.run(stage, display_pose, &camera, exposure, &mut picture));
+        bench.time(case, stage.name(), || warper.run(stage, display_pose, &camera, exposure, &mut picture));
     }
 }

@@ -53,15 +53,15 @@ fn time(bench: &mut Bench, case: &str, phantom: Phantom, k: usize, angles_deg: &
         let pose = phantom::orbit(angle_deg.to_radians());
         let first = bench.rows.len();
         if index == 0 {
-            bench.time(case, "prepare", None, || warper.prepare(Mode::Specular, &tree));
+            bench.time(case, "prepare", || warper.prepare(Mode::Specular, &tree));
             bench.rows[first].k = Some(k);
         }
         let first = bench.rows.len();
-        bench.time(case, "total", None, || {
+        bench.time(case, "total", || {
             warper.show(Mode::Specular, &tree, &pose, &camera, 1.0, &mut picture);
         });
         for stage in MediaStage::ALL {
-            bench.time(case, stage.name(), None, || {
+            bench.time(case, stage.name(), || {
                 warper.run_media(stage, &tree, &pose, &camera, 1.0, &mut picture);
             });
         }

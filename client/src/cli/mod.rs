@@ -3,8 +3,10 @@
 //! Exit status 0; 2 for bad arguments or input, with one line that says which; 1 for a failure at run time.
 
 mod bench;
+mod bench_codec;
 mod bench_frames;
 mod bench_volumes;
+mod coding;
 mod optics;
 mod replay;
 mod strip;

@@ -1,6 +1,7 @@
 //! `replay`: the main job.
 
 use super::Failure;
+use super::coding::CodingArgs;
 use super::optics::OpticsArgs;
 use super::strip;
 use crate::display::beside;
@@ -23,7 +24,7 @@ use std::io::IsTerminal;
 use std::path::PathBuf;
 use std::time::Duration;
 use warplight_protocol::camera::Projection;
-use warplight_protocol::frame::{FrameFormat, Layering, Plan, VolumeFormat};
+use warplight_protocol::frame::Plan;
 use warplight_protocol::message::Viewport;
 use warplight_protocol::{Camera, ImageSize};
 use warplight_server::scene::Scene;
@@ -55,15 +56,6 @@ enum View {
     Cube,
 }
 
-/// The named formats of the planes.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-enum Format {
-    /// What measured best.
-    Default,
-    /// Quantised as in the thesis: linear 8-bit colour, 16-bit relative depth.
-    Thesis,
-}
-
 /// Arguments of `replay`.
 #[derive(Debug, Args)]
 pub(super) struct ReplayArgs {
@@ -86,12 +78,6 @@ pub(super) struct ReplayArgs {
     /// Where mode `specular` has its normals from: transmitted, from-depth-gaussian or from-depth-bilateral.
     #[arg(long, default_value = Normals::Transmitted.name(), value_name = "NORMALS")]
     normals: Normals,
-    /// Segments of a pixel's volume, where the scene has one: 0 to 8.
-    #[arg(long, default_value_t = 4, value_name = "K", value_parser = clap::value_parser!(u8).range(0..=8))]
-    layers: u8,
-    /// How the server cuts them: quantiles, merged, optimal or slabs.
-    #[arg(long, default_value = Layering::Optimal.name(), value_name = "LAYERING")]
-    layering: Layering,
     /// Frames before the latest that are asked for what that does not know, 0 to 4.
     #[arg(long, default_value_t = 0, value_name = "N", value_parser = clap::value_parser!(u8).range(0..=4))]
     earlier_frames: u8,
@@ -157,9 +143,8 @@ pub(super) struct ReplayArgs {
     /// none [default: 12].
     #[arg(long, value_name = "MAX", conflicts_with = "connect", value_parser = guard_deg)]
     guard_deg: Option<f64>,
-    /// Formats of the planes.
-    #[arg(long, value_enum, default_value_t = Format::Default)]
-    format: Format,
+    #[command(flatten)]
+    coding: CodingArgs,
     /// Seed of everything random.
     #[arg(long, default_value_t = 1)]
     seed: u64,
@@ -301,11 +286,6 @@ fn plan_of(arguments: &ReplayArgs) -> Result<ReplayPlan, Failure> {
     };
     let duration_s = arguments.duration_s.unwrap_or(DEFAULT_DURATION_S).min(trace.duration_secs());
     let spacing = (duration_s * arguments.display_hz / DEFAULT_COMPARISONS).max(1.0) as u64;
-    let format = match arguments.format {
-        Format::Default => FrameFormat::default(),
-        Format::Thesis => FrameFormat::thesis(),
-    };
-    let volume = VolumeFormat { layers: arguments.layers, layering: arguments.layering, ..format.volume };
     let is_compared = |mode: &Mode| arguments.modes.is_empty() || arguments.modes.contains(mode);
     if arguments.strip.is_some() && !strip::MODES.iter().all(is_compared) {
         return Err(Failure::Input("--strip: it shows diffuse and specular, so --modes must name both".to_owned()));
@@ -324,7 +304,8 @@ fn plan_of(arguments: &ReplayArgs) -> Result<ReplayPlan, Failure> {
         solver: arguments.solver,
         normals: arguments.normals,
         earlier_frames: usize::from(arguments.earlier_frames),
-        format: FrameFormat { volume, ..format },
+        format: arguments.coding.format(),
+        target_kbps: arguments.coding.target_kbps(),
         modes: Mode::ALL.into_iter().filter(|mode| is_compared(mode) && mode.shows(projection)).collect(),
         optics: arguments.optics.optics(),
         quality_every: arguments.quality_every.unwrap_or(spacing),

@@ -21,13 +21,14 @@ const MAX_PIXELS: usize = 4096 * 4096;
 /// Arguments of `sweep`.
 #[derive(Debug, Args)]
 pub(super) struct SweepArgs {
-    /// What is turned: solver, steps, normals, depth-bits, depth-coding, frame-age, head-translation, layers, angle, density or volume-compression.
+    /// What is turned: solver, steps, normals, depth-bits, depth-coding, frame-age, head-translation, layers, angle, density, volume-compression, color, depth-bound, child-bound or zstd-level.
     #[arg(value_name = "KNOB")]
     knob: Option<String>,
-    /// Scene: mirror, chrome-ball, water or glass-ball; of a knob of volumes cube, cloud, phantom, shells or any other scene with media [default: all].
+    /// Scene: mirror, chrome-ball, water or glass-ball; of a knob of volumes cube, cloud, phantom, shells or any other scene
+    /// with media; of a knob of the codec gallery, pool, glass or any other scene [default: all].
     #[arg(long, value_name = "S")]
     scene: Option<String>,
-    /// Head trace (TUM text) of knob frame-age; without it the built-in one.
+    /// Head trace (TUM text) of knob frame-age and of those of the codec; without it the built-in one.
     #[arg(long, value_name = "F.tum")]
     trace: Option<PathBuf>,
     /// Size of frames and display [default: 1024x1024, 512x512 with --quick].
@@ -39,6 +40,13 @@ pub(super) struct SweepArgs {
     /// Folder for sweep-KNOB.json and plots.
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
+    /// Folder for the planes of a volume's layers of one --scene, as raw floats in DIR/source; what another codec made of
+    /// them in a folder beside, with its size in a file `bytes`, is measured with the knob's own settings.
+    #[arg(long, value_name = "DIR", requires = "scene")]
+    planes: Option<PathBuf>,
+    /// Samples per pixel of converged pictures: with them knobs of the codec also tell the FLIP to what is really seen.
+    #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=65_536))]
+    reference_spp: u32,
     /// Fewer settings, smaller frames.
     #[arg(long)]
     quick: bool,
@@ -76,7 +84,16 @@ pub(super) fn run(arguments: &SweepArgs) -> Result<(), Failure> {
     let start = Instant::now();
     let now = || start.elapsed();
     let runs = arguments.runs.unwrap_or(RUNS[quick]);
-    let request = Request { size, runs, quick: arguments.quick, trace: &trace, now: &now };
+    let planes = arguments.planes.as_deref();
+    let request = Request {
+        size,
+        runs,
+        quick: arguments.quick,
+        trace: &trace,
+        planes,
+        reference_spp: arguments.reference_spp,
+        now: &now,
+    };
     let bar = bar();
     let sweep = knob.sweep(&request, arguments.scene.as_deref(), &mut |scene, done, all| {
         if bar.message() != scene {

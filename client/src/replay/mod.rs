@@ -58,6 +58,8 @@ pub struct ReplayPlan {
     pub optics: Optics,
     /// Formats of the planes.
     pub format: FrameFormat,
+    /// Thousand bits per second that live frames shall take; 0 for as many as they need.
+    pub target_kbps: u32,
     /// Every so many refreshes one is compared with the reference; 0 for none.
     pub quality_every: u64,
     /// Samples per pixel of the reference.
@@ -74,6 +76,7 @@ impl ReplayPlan {
             viewport: self.viewport,
             frame_hz: self.frame_hz as f32,
             format: self.format,
+            target_kbps: self.target_kbps,
         }
     }
 
@@ -131,6 +134,9 @@ pub enum ReplayError {
     /// No frame arrived.
     #[error("no frame arrived within {0:?}")]
     NoFrame(Duration),
+    /// A picture could not be encoded.
+    #[error("{0}")]
+    Video(#[from] warplight_protocol::video::VideoError),
     /// An image metric could not be computed.
     #[error("image metric: {0}")]
     Measure(#[from] crate::measure::MeasureError),

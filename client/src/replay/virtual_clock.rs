@@ -16,7 +16,8 @@ use std::time::Duration;
 use warplight_protocol::Timestamp;
 use warplight_protocol::codec::{DecodeError, Limits};
 use warplight_protocol::frame::FrameId;
-use warplight_protocol::message::{FrameBegin, FramePurpose, PoseSample};
+use warplight_protocol::message::{FrameBegin, FramePurpose, PictureMessage, PoseSample};
+use warplight_server::pictures::{PictureStream, RenderedPictures};
 use warplight_server::service::Service;
 use warplight_server::session::ServerSession;
 use warplight_server::stream::{FrameStream, STRIP_ROWS};
@@ -30,6 +31,10 @@ pub struct ModelledTimes {
     pub encode_ns_per_pixel: f64,
     /// Decoding it.
     pub decode_ns_per_pixel: f64,
+    /// Encoding a pixel of all pictures of a frame, where its format has some, in nanoseconds.
+    pub encode_pictures_ns_per_pixel: f64,
+    /// Decoding it.
+    pub decode_pictures_ns_per_pixel: f64,
     /// Warping it.
     pub warp_ns_per_pixel: f64,
 }
@@ -40,6 +45,8 @@ impl Default for ModelledTimes {
             render: Duration::from_millis(80),
             encode_ns_per_pixel: 30.0,
             decode_ns_per_pixel: 30.0,
+            encode_pictures_ns_per_pixel: 20.0,
+            decode_pictures_ns_per_pixel: 20.0,
             warp_ns_per_pixel: 20.0,
         }
     }
@@ -77,6 +84,7 @@ struct World<'a> {
     now: Timestamp,
     server: ServerSession,
     stream: FrameStream,
+    pictures: PictureStream,
     client: ClientSession,
     assembler: Assembler,
     up: Link,
@@ -92,7 +100,8 @@ struct World<'a> {
 /// What the renderer will have done by some time.
 enum ServerWork {
     Strip(FrameId, Vec<u8>),
-    End { frame: FrameId, render_end: Timestamp, counters: Vec<(String, u64)> },
+    End { frame: FrameId, render_end: Timestamp, counters: Vec<(String, u64)>, pictures: Option<RenderedPictures> },
+    Encoded { frame: FrameId, pictures: Vec<PictureMessage> },
 }
 
 impl<'a> World<'a> {
@@ -103,6 +112,7 @@ impl<'a> World<'a> {
             times,
             now,
             server: ServerSession::new(service.session.clone(), now),
+            pictures: PictureStream::new(service.options.threads),
             stream: FrameStream::new(service),
             client: ClientSession::new(plan.hello(), Limits::default(), now),
             assembler: Assembler::default(),
@@ -159,7 +169,7 @@ impl<'a> World<'a> {
                 self.client.on_bytes(self.now, &bytes);
                 again = true;
             }
-            again |= self.serve();
+            again |= self.serve()?;
             again |= self.attend()?;
         }
         self.server.on_timeout(self.now);
@@ -171,47 +181,65 @@ impl<'a> World<'a> {
     }
 
     /// The server's part.
-    fn serve(&mut self) -> bool {
+    fn serve(&mut self) -> Result<bool, ReplayError> {
         let mut active = false;
         while let Some((_, work)) = self.server_work.pop_front_if(|(at, _)| *at <= self.now) {
             active = true;
             match work {
                 ServerWork::Strip(frame, bytes) => self.server.on_strip(self.now, frame, bytes),
-                ServerWork::End { frame, render_end, counters } => {
-                    self.server.on_render_end(self.now, frame, render_end, counters)
+                ServerWork::End { frame, render_end, counters, pictures } => {
+                    if let Some(pictures) = pictures {
+                        self.server.on_pictures(frame, pictures);
+                    }
+                    self.server.on_render_end(self.now, frame, render_end, counters);
                 }
+                ServerWork::Encoded { frame, pictures } => self.server.on_encoded(self.now, frame, pictures),
             }
         }
         if let Some(job) = self.server.poll_render(self.now) {
             active = true;
             let strips = Mutex::new(Vec::new());
-            self.stream.run(&job, &|| (), &|strip| strips.lock().unwrap_or_else(PoisonError::into_inner).push(strip));
+            let on_strip = |strip| strips.lock().unwrap_or_else(PoisonError::into_inner).push(strip);
+            let pictures = self.stream.run(&job, &|| (), &on_strip);
             let mut strips = strips.into_inner().unwrap_or_else(PoisonError::into_inner);
             // Workers finish in any order; the first two bytes are the row.
             strips.sort_by_key(|strip| [strip[1], strip[0]]);
-            self.schedule(&job.begin, strips);
+            self.schedule(&job.begin, strips, pictures);
         }
         let mut bytes = Vec::new();
         while self.down.has_room(self.now) && self.server.poll_transmit(self.now, &mut bytes) {
             self.down.send(self.now, std::mem::take(&mut bytes));
             active = true;
         }
-        active
+        if let Some(job) = self.server.poll_encode() {
+            active = true;
+            let encode = self.times.encode_pictures_ns_per_pixel * 1e-9 * job.pictures.pixels() as f64;
+            let encoded = self.now + Duration::from_secs_f64(encode);
+            let pictures = self.pictures.encode(&job)?;
+            self.add_work(encoded, ServerWork::Encoded { frame: job.frame, pictures });
+        }
+        Ok(active)
+    }
+
+    /// Keeps work in order: pictures of one frame are encoded while the next is rendered.
+    fn add_work(&mut self, at: Timestamp, work: ServerWork) {
+        let behind = self.server_work.partition_point(|(before, _)| *before <= at);
+        self.server_work.insert(behind, (at, work));
     }
 
     /// Spreads the strips of a frame over the time it is said to take.
-    fn schedule(&mut self, begin: &FrameBegin, strips: Vec<Vec<u8>>) {
+    fn schedule(&mut self, begin: &FrameBegin, strips: Vec<Vec<u8>>, pictures: Option<RenderedPictures>) {
         let render = if begin.purpose == FramePurpose::Live { self.times.render } else { Duration::ZERO };
         let pixels = begin.shape.camera.size.pixels() as f64;
         let count = strips.len().max(1) as f64;
         let encode = Duration::from_secs_f64(self.times.encode_ns_per_pixel * 1e-9 * pixels / count);
         for (index, strip) in strips.into_iter().enumerate() {
             let rendered = self.now + render.mul_f64((index + 1) as f64 / count);
-            self.server_work.push_back((rendered + encode, ServerWork::Strip(begin.id, strip)));
+            self.add_work(rendered + encode, ServerWork::Strip(begin.id, strip));
         }
         let render_end = self.now + render;
-        let end = ServerWork::End { frame: begin.id, render_end, counters: self.stream.counters() };
-        self.server_work.push_back((render_end + encode, end));
+        let end = ServerWork::End { frame: begin.id, render_end, counters: self.stream.counters(), pictures };
+        self.add_work(render_end + encode, end);
     }
 
     /// The client's part.
@@ -247,9 +275,14 @@ impl<'a> World<'a> {
                 let modelled = self.strip_decode_time();
                 self.assembler.strip(&strip, || modelled)?;
             }
+            Event::Picture(picture) => {
+                let modelled = self.pictures_decode_time() / self.assembler.pictures().max(1) as u32;
+                self.assembler.picture(picture, || modelled)?;
+            }
             Event::FrameEnd(end) => {
-                // All strips but the last were decoded while the next one was under way.
-                let decoded = self.now + self.strip_decode_time();
+                // All strips but the last were decoded while the next one was under way; pictures at their end.
+                let pictures = if self.assembler.pictures() > 0 { self.pictures_decode_time() } else { Duration::ZERO };
+                let decoded = self.now + self.strip_decode_time() + pictures;
                 let frame = self.assembler.end(end, self.now, decoded)?;
                 self.decoding.push_back((decoded, frame));
             }
@@ -264,6 +297,12 @@ impl<'a> World<'a> {
         let size = self.assembler.size().unwrap_or(self.plan.camera.size);
         let pixels = u32::from(STRIP_ROWS).min(size.height) * size.width;
         Duration::from_secs_f64(self.times.decode_ns_per_pixel * 1e-9 * f64::from(pixels))
+    }
+
+    /// Of all pictures of the frame that is being put together.
+    fn pictures_decode_time(&self) -> Duration {
+        let size = self.assembler.size().unwrap_or(self.plan.camera.size);
+        Duration::from_secs_f64(self.times.decode_pictures_ns_per_pixel * 1e-9 * size.pixels() as f64)
     }
 
     fn on_ready(&mut self, frame: Arc<ReadyFrame>) {

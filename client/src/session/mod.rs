@@ -9,8 +9,8 @@ use warplight_protocol::Timestamp;
 use warplight_protocol::codec::{DecodeError, Limits};
 use warplight_protocol::frame::FrameId;
 use warplight_protocol::message::{
-    ErrorCode, FrameAck, FrameBegin, FrameEnd, Hello, Message, PoseSample, Statistics, StillRequest, StripMessage,
-    VERSION, Welcome,
+    ErrorCode, FrameAck, FrameBegin, FrameEnd, Hello, Message, PictureMessage, PoseSample, Statistics, StillRequest,
+    StripMessage, VERSION, Welcome,
 };
 use warplight_protocol::wire::{Deframer, write_message};
 
@@ -28,6 +28,8 @@ pub enum Event {
     FrameBegin(FrameBegin),
     /// A strip of it.
     Strip(StripMessage),
+    /// A picture of it.
+    Picture(PictureMessage),
     /// It is whole.
     FrameEnd(FrameEnd),
     /// Running totals.
@@ -127,6 +129,7 @@ impl ClientSession {
             }
             Message::FrameBegin(begin) if self.is_open => Event::FrameBegin(begin),
             Message::Strip(strip) if self.is_open => Event::Strip(strip),
+            Message::Picture(picture) if self.is_open => Event::Picture(picture),
             Message::FrameEnd(end) if self.is_open => Event::FrameEnd(end),
             Message::Statistics(statistics) if self.is_open => Event::Statistics(statistics),
             _ => {

@@ -15,6 +15,7 @@ fn hello() -> Hello {
         viewport: Viewport::Plane,
         frame_hz: 10.0,
         format: FrameFormat::default(),
+        target_kbps: 0,
     }
 }
 

@@ -11,6 +11,7 @@
 
 mod pareto;
 mod settings;
+mod stream;
 mod surface;
 mod volume;
 mod write;
@@ -38,6 +39,10 @@ pub struct Request<'a> {
     pub quick: bool,
     /// How the head moves, where a knob asks.
     pub trace: &'a Trace,
+    /// A folder for the planes of a volume's layers, where other codecs find them and leave what they made of them.
+    pub planes: Option<&'a std::path::Path>,
+    /// Samples per pixel of the converged pictures that knobs of the codec are compared with, too; 0 for none.
+    pub reference_spp: u32,
     /// Time since any fixed instant.
     pub now: &'a dyn Fn() -> Duration,
 }
@@ -119,10 +124,12 @@ impl Sweep {
 /// Says how many of how many steps are done.
 pub type Progress<'a> = &'a mut dyn FnMut(u64, u64);
 
-/// What a knob turns: settings of the surface warp on scenes in closed form, or of volumes on scenes with media.
+/// What a knob turns: settings of the surface warp on scenes in closed form, of volumes on scenes with media, or of the
+/// codec on live frames along a trace.
 enum Settings {
     Surface(fn(&Request<'_>) -> Vec<settings::Setting>),
     Volume(fn(&Request<'_>) -> Vec<volume::Setting>),
+    Stream(fn(&Request<'_>) -> Vec<stream::Setting>),
 }
 
 /// Something that can be turned.
@@ -154,6 +161,15 @@ const fn volume(
     Knob { name, about, cost, settings: Settings::Volume(settings) }
 }
 
+const fn stream(
+    name: &'static str,
+    about: &'static str,
+    cost: Cost,
+    settings: fn(&Request<'_>) -> Vec<stream::Setting>,
+) -> Knob {
+    Knob { name, about, cost, settings: Settings::Stream(settings) }
+}
+
 /// All knobs.
 pub const KNOBS: &[Knob] = &[
     surface("solver", "how pictures of children are searched", Cost::Time, settings::solvers),
@@ -167,6 +183,10 @@ pub const KNOBS: &[Knob] = &[
     volume("angle", "degrees a head has gone around, by method and layers", Cost::None, volume::angles),
     volume("density", "factor on the extinction, by method", Cost::None, volume::densities),
     volume("volume-compression", "bits of the planes of layers", Cost::Bytes, volume::compressions),
+    stream("color", "how colour travels", Cost::Bytes, stream::colors),
+    stream("depth-bound", "what is promised about depth, in displayed pixels", Cost::Bytes, stream::depth_bounds),
+    stream("child-bound", "how much coarser depths of children may be", Cost::Bytes, stream::child_bounds),
+    stream("zstd-level", "effort of the general compressor", Cost::Time, stream::zstd_levels),
 ];
 
 /// Why there is no sweep.
@@ -216,6 +236,7 @@ impl Knob {
         match self.settings {
             Settings::Surface(_) => "deg",
             Settings::Volume(_) => "DSSIM",
+            Settings::Stream(_) => "FLIP",
         }
     }
 
@@ -224,6 +245,7 @@ impl Knob {
         match self.settings {
             Settings::Surface(_) => AnalyticScene::SWEPT.map(AnalyticScene::name).to_vec(),
             Settings::Volume(_) => volume::SCENES.to_vec(),
+            Settings::Stream(_) => stream::SCENES.to_vec(),
         }
     }
 
@@ -231,11 +253,18 @@ impl Knob {
     fn measure(&self, request: &Request<'_>, scene: &str, progress: Progress<'_>) -> Result<Vec<Point>, SweepError> {
         match self.settings {
             Settings::Surface(settings) => surface::measure(request, scene, &settings(request), progress),
-            Settings::Volume(settings) => volume::measure(request, scene, &settings(request), progress),
+            Settings::Volume(settings) => {
+                let mut points = volume::measure(request, scene, &settings(request), progress)?;
+                if let Some(folder) = request.planes {
+                    points.extend(volume::measure_elsewhere(request, scene, folder)?);
+                }
+                Ok(points)
+            }
+            Settings::Stream(settings) => stream::measure(request, scene, &settings(request), progress),
         }
     }
 
-    /// Turns the knob on one scene, or on all it can be turned on; one of volumes on any other scene, too.
+    /// Turns the knob on one scene, or on all it can be turned on; one of volumes or of the codec on any other scene, too.
     ///
     /// # Errors
     /// A scene that it cannot be turned on.
@@ -246,7 +275,7 @@ impl Knob {
         progress: &mut dyn FnMut(&str, u64, u64),
     ) -> Result<Sweep, SweepError> {
         let known = self.scenes();
-        let takes_any = matches!(self.settings, Settings::Volume(_));
+        let takes_any = !matches!(self.settings, Settings::Surface(_));
         let scenes: Vec<&str> = match scene {
             None => known,
             Some(scene) if takes_any || known.contains(&scene) => vec![scene],

@@ -31,7 +31,7 @@ impl Setting {
             value: value.to_string(),
             solver: Solver::default(),
             normals: Normals::default(),
-            format: FrameFormat::default(),
+            format: FrameFormat::exact(),
             moves: vec![aside(DVec3::X * MOVE_M)],
         }
     }
@@ -77,12 +77,12 @@ pub(super) fn normals(request: &Request<'_>) -> Vec<Setting> {
         false => (&[6, 8, 10, 11, 12, 14, 16], &[16, 20, 24]),
     };
     let transmitted = own.iter().map(|&bits| Setting {
-        format: FrameFormat { normal_bits: bits, ..FrameFormat::default() },
+        format: FrameFormat { normal_bits: bits, ..FrameFormat::exact() },
         ..Setting::new(format!("transmitted:{bits}"))
     });
     let from_depth = [Normals::FromDepthGaussian, Normals::FromDepthBilateral].into_iter().flat_map(|normals| {
         depth.iter().map(move |&bits| {
-            let format = FrameFormat { root_depth_bits: bits, child_depth_bits: bits, ..FrameFormat::default() };
+            let format = FrameFormat::exact().with_depth_bits(bits, bits);
             Setting { normals, format, ..Setting::new(format!("{}:{bits}", normals.name())) }
         })
     });
@@ -96,7 +96,7 @@ pub(super) fn depth_bits(request: &Request<'_>) -> Vec<Setting> {
         false => &[(8, 8), (10, 10), (12, 12), (14, 14), (16, 8), (16, 12), (16, 16), (20, 16), (20, 20), (24, 24)],
     };
     let setting = |&(root, child): &(u8, u8)| Setting {
-        format: FrameFormat { root_depth_bits: root, child_depth_bits: child, ..FrameFormat::default() },
+        format: FrameFormat::exact().with_depth_bits(root, child),
         ..Setting::new(format!("{root}/{child}"))
     };
     pairs.iter().map(setting).collect()
@@ -107,7 +107,7 @@ pub(super) fn depth_codings(request: &Request<'_>) -> Vec<Setting> {
     let bits: &[u8] = if request.quick { &[16] } else { &[8, 12, 16, 20] };
     let codings = [("relative", DepthCoding::Relative), ("unfolded", DepthCoding::Unfolded)];
     let setting = |(name, child_depth), child_depth_bits| Setting {
-        format: FrameFormat { child_depth, child_depth_bits, ..FrameFormat::default() },
+        format: FrameFormat { child_depth, ..FrameFormat::exact() }.with_depth_bits(16, child_depth_bits),
         ..Setting::new(format!("{name}:{child_depth_bits}"))
     };
     codings.into_iter().flat_map(|coding| bits.iter().map(move |&bits| setting(coding, bits))).collect()

@@ -10,7 +10,8 @@
 
 use super::settings::Setting;
 use super::{Point, Progress, Request, SweepError};
-use crate::analytic::{AnalyticScene, FlowErrors, ReceivedFrame, Truth, through_the_wire};
+use crate::analytic::{AnalyticScene, FlowErrors, Truth, through_the_wire};
+use crate::loopback::ReceivedFrame;
 use crate::measure::Percentiles;
 use crate::warp::{Mode, Normals, Warper};
 use image::RgbImage;

@@ -11,7 +11,15 @@ fn swept(knob: &str, scene: Option<&str>, size: u32) -> Sweep {
         Duration::from_millis(ticks.get())
     };
     let trace = Trace::built_in();
-    let request = Request { size: ImageSize::new(size, size), runs: 1, quick: true, trace: &trace, now: &now };
+    let request = Request {
+        size: ImageSize::new(size, size),
+        runs: 1,
+        quick: true,
+        trace: &trace,
+        planes: None,
+        reference_spp: 0,
+        now: &now,
+    };
     let mut last = (0, 1);
     let sweep = Knob::named(knob).unwrap().sweep(&request, scene, &mut |_, done, all| last = (done, all)).unwrap();
     assert_eq!(last.0, last.1, "progress ends at the end");
@@ -31,7 +39,15 @@ fn more_steps_leave_less_error() {
     // So far that one step does not do: 20 cm aside.
     let trace = Trace::built_in();
     let now = || Duration::ZERO;
-    let request = Request { size: ImageSize::new(256, 256), runs: 1, quick: true, trace: &trace, now: &now };
+    let request = Request {
+        size: ImageSize::new(256, 256),
+        runs: 1,
+        quick: true,
+        trace: &trace,
+        planes: None,
+        reference_spp: 0,
+        now: &now,
+    };
     let mut far = settings::steps(&request);
     far.iter_mut().flat_map(|setting| &mut setting.moves).for_each(|by| by.position *= 4.0);
     let points = surface::measure(&request, "chrome-ball", &far, &mut |_, _| ()).unwrap();
@@ -62,6 +78,27 @@ fn more_bits_of_depth_leave_less_error() {
     let errors = ["10/10", "12/12", "16/16"].map(|value| error_of(&sweep, value));
     // Four and sixteen times as fine.
     assert!(errors[1] < errors[0] && errors[2] < errors[1], "{errors:?}");
+}
+
+#[test]
+fn a_wider_promise_about_depth_takes_fewer_bytes() {
+    let sweep = swept("depth-bound", Some("mirror-room"), 128);
+    let of = |value: &str| sweep.points.iter().find(|point| point.value == value).unwrap();
+    let [fine, coarse, codes] = ["0.25 px", "1 px", "16 bits"].map(of);
+    assert!(coarse.bytes < fine.bytes && fine.bytes < codes.bytes, "{coarse:?} {fine:?} {codes:?}");
+    // All colours are the same; what depth changes of them grows with its error.
+    assert!(codes.error <= fine.error && fine.error < coarse.error, "{codes:?} {fine:?} {coarse:?}");
+    assert!(sweep.points.iter().all(|point| point.more["color_bits_per_pixel"] == codes.more["color_bits_per_pixel"]));
+}
+
+#[test]
+fn the_coarser_colour_is_the_fewer_bytes_it_takes_and_the_more_error_it_leaves() {
+    let sweep = swept("color", Some("gallery"), 128);
+    let points = ["root8", "bounded:2", "video:24", "video:32"]
+        .map(|value| sweep.points.iter().find(|point| point.value == value).unwrap());
+    for pair in points.windows(2) {
+        assert!(pair[1].bytes < pair[0].bytes && pair[1].error > pair[0].error, "{pair:?}");
+    }
 }
 
 #[test]
@@ -111,7 +148,15 @@ fn unknown_knobs_and_scenes_are_refused_in_one_line_that_lists_the_known_ones() 
     assert!(KNOBS.iter().all(|knob| message.contains(knob.name)) && !message.contains('\n'), "{message}");
     let trace = Trace::built_in();
     let now = || Duration::ZERO;
-    let request = Request { size: ImageSize::new(32, 32), runs: 1, quick: true, trace: &trace, now: &now };
+    let request = Request {
+        size: ImageSize::new(32, 32),
+        runs: 1,
+        quick: true,
+        trace: &trace,
+        planes: None,
+        reference_spp: 0,
+        now: &now,
+    };
     let refused = Knob::named("steps").unwrap().sweep(&request, Some("moon"), &mut |_, _, _| ()).unwrap_err();
     let message = refused.to_string();
     assert!(message.contains("mirror, chrome-ball, water, glass-ball") && !message.contains('\n'), "{message}");

@@ -7,13 +7,20 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 /// Columns of measurements that have one, by their names: heading, decimals, factor.
-const COLUMNS: [(&str, &str, usize, f64); 6] = [
+const COLUMNS: [(&str, &str, usize, f64); 13] = [
     ("p95_deg", "p95 deg", 4, 1.0),
     ("above_a_degree", "> 1 deg %", 2, 100.0),
     ("undefined", "undef. %", 2, 100.0),
     ("prepare_ms", "prepare ms", 2, 1.0),
     ("warp_ms", "warp ms", 2, 1.0),
     ("least_ms", "least ms", 2, 1.0),
+    ("flip_reference", "to reference", 4, 1.0),
+    ("psnr_db", "PSNR dB", 1, 1.0),
+    ("bits_per_pixel", "bit/px", 3, 1.0),
+    ("color_bits_per_pixel", "of colour", 3, 1.0),
+    ("mbps", "Mbit/s", 1, 1.0),
+    ("encode_ms", "encode ms", 1, 1.0),
+    ("decode_ms", "decode ms", 1, 1.0),
 ];
 
 impl Sweep {

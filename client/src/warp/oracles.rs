@@ -19,7 +19,7 @@ fn camera() -> Camera {
 
 /// The tree as the client gets it.
 pub(super) fn through_the_wire(tree: Tree) -> Tree {
-    through_the_wire_as(FrameFormat::default(), tree)
+    through_the_wire_as(FrameFormat::exact(), tree)
 }
 
 fn through_the_wire_as(format: FrameFormat, tree: Tree) -> Tree {
@@ -65,7 +65,7 @@ fn print_ladder(solid: Solid) -> Vec<(Solver, Errors)> {
         Solver::Unfolded,
     ];
     let of = |solver| {
-        let errors = errors_of(solid, DVec3::X * 0.05, DQuat::IDENTITY, FrameFormat::default(), solver);
+        let errors = errors_of(solid, DVec3::X * 0.05, DQuat::IDENTITY, FrameFormat::exact(), solver);
         println!(
             "| {solid:?}, {solver:?} | {:.4} | {:.4} | {:.2} | {:.2} |",
             errors.median, errors.p95, errors.above_a_degree, errors.undefined
@@ -89,7 +89,7 @@ fn on_a_mirror_all_rungs_agree_and_on_a_ball_the_unfolded_depth_is_wrong() {
 
 /// Over moves along and across the view with a small turn, the worst of each figure.
 fn worst_errors(solid: Solid) -> Errors {
-    worst_errors_in(solid, FrameFormat::default())
+    worst_errors_in(solid, FrameFormat::exact())
 }
 
 fn worst_errors_in(solid: Solid, format: FrameFormat) -> Errors {
@@ -140,7 +140,7 @@ fn a_glass_ball_shows_what_two_refractions_do() {
     let errors = worst_errors(Solid::GlassBall);
     assert!(errors.median < 0.02 && errors.p95 < 0.2 && errors.undefined < 3.0, "{errors:?}");
     // The rung below: without the server's shapes, those of the picture's own differences.
-    let differences = worst_errors_in(Solid::GlassBall, FrameFormat { shape_bits: 0, ..FrameFormat::default() });
+    let differences = worst_errors_in(Solid::GlassBall, FrameFormat { shape_bits: 0, ..FrameFormat::exact() });
     assert!(differences.median < 0.1 && differences.p95 < 0.3 && differences.undefined < 3.0, "{differences:?}");
     assert!(
         errors.median < 0.75 * differences.median && errors.p95 < 0.75 * differences.p95,

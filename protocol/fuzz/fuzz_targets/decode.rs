@@ -4,7 +4,8 @@
 
 use arbitrary::Unstructured;
 use libfuzzer_sys::fuzz_target;
-use warplight_protocol::codec::{FrameShape, STRIP_HEADER_BYTES};
+use warplight_protocol::codec::{CoarseDepth, FrameShape, PlaneKind, STRIP_HEADER_BYTES};
+use warplight_protocol::frame::{ColorCoding, DepthFormat};
 use warplight_protocol::message::Message;
 use warplight_protocol::wire::{Deframer, write_message};
 use warplight_protocol_fuzz::{LIMITS, decode, shape};
@@ -16,6 +17,10 @@ fuzz_target!(|bytes: &[u8]| {
         shape.strip_rows = 9;
         let rest = u.take_rest();
         let _ = decode(&shape, [rest]);
+        let (width, height) = (shape.camera.size.width as usize, shape.rows_of(0).len());
+        if let Ok(coarse) = CoarseDepth::from_prefix(width, height, 1e-3, None, rest) {
+            assert!(coarse.depths_m.len() == width * height && coarse.depths_m.iter().all(|&depth| depth > 0.0));
+        }
         let _ = decode(&shape, [&behind_header(&shape, rest)[..]]);
         let _ = decode(&shape, [&behind_compression(&shape, rest)[..]]);
     }
@@ -64,7 +69,16 @@ fn behind_compression(shape: &FrameShape, mut rest: &[u8]) -> Vec<u8> {
         let (samples, behind) = behind.split_at(wanted.min(behind.len()));
         let mut samples = samples.to_vec();
         samples.resize(wanted, 0);
-        let payload = zstd::bulk::compress(&samples, 1).expect("memory");
+        // From coarse to fine there is no zstd to get behind.
+        let is_coarse_to_fine = match kind {
+            PlaneKind::Depth => matches!(shape.format.depth, DepthFormat::Bounded(_)),
+            PlaneKind::Radiance | PlaneKind::Source => shape.format.color_coding != ColorCoding::Exact,
+            kind => kind.coding().is_none(),
+        };
+        let payload = match is_coarse_to_fine {
+            true => samples,
+            false => zstd::bulk::compress(&samples, 1).expect("memory"),
+        };
         strip.extend_from_slice(&[node, kind as u8]);
         strip.extend_from_slice(&head[..4]);
         strip.extend_from_slice(&(payload.len() as u32).to_le_bytes());

@@ -3,7 +3,8 @@
 use arbitrary::{Result, Unstructured};
 use warplight_protocol::codec::{DecodeError, FrameShape, Limits, StripDecoder, StripEncoder};
 use warplight_protocol::frame::{
-    ColorFormat, DepthCoding, FrameFormat, Interfaces, MAX_LAYERS, Plan, Tree, UNDEFINED, VolumeFormat, VolumeRange,
+    ColorCoding, ColorFormat, DepthBound, DepthCoding, DepthFormat, FrameFormat, Interfaces, MAX_LAYERS, Plan, Tree, UNDEFINED,
+    VolumeFormat, VolumeRange,
 };
 use warplight_protocol::optics::Interface;
 use warplight_protocol::camera::{FieldOfView, Projection};
@@ -32,10 +33,31 @@ pub fn shape(u: &mut Unstructured<'_>) -> Result<FrameShape> {
     ];
     let entries = u.int_in_range(0..=4)?;
     let interfaces = (0..entries).map(|_| u.choose(&kinds).copied()).collect::<Result<_>>()?;
+    let mut color = *u.choose(&ColorFormat::ALL)?;
+    let color_coding = match u.int_in_range(0..=3)? {
+        0 => ColorCoding::Bounded { error: u.int_in_range(ColorCoding::ERRORS)? },
+        1 => ColorCoding::Video { quantiser: u.int_in_range(ColorCoding::QUANTISERS)? },
+        _ => ColorCoding::Exact,
+    };
+    if !color_coding.is_valid(color) {
+        color = ColorFormat::Root8;
+    }
+    let depth = if u.arbitrary()? {
+        DepthFormat::Bounded(DepthBound {
+            error_centi_px: u.int_in_range(DepthBound::ERRORS_CENTI_PX)?,
+            motion_mm: u.int_in_range(DepthBound::MOTIONS_MM)?,
+            child_factor: u.int_in_range(DepthBound::CHILD_FACTORS)?,
+        })
+    } else {
+        DepthFormat::Codes {
+            root_bits: u.int_in_range(FrameFormat::DEPTH_BITS)?,
+            child_bits: u.int_in_range(FrameFormat::DEPTH_BITS)?,
+        }
+    };
     let format = FrameFormat {
-        color: *u.choose(&ColorFormat::ALL)?,
-        root_depth_bits: u.int_in_range(FrameFormat::DEPTH_BITS)?,
-        child_depth_bits: u.int_in_range(FrameFormat::DEPTH_BITS)?,
+        color,
+        color_coding,
+        depth,
         child_depth: *u.choose(&[DepthCoding::Relative, DepthCoding::Unfolded])?,
         normal_bits: u.int_in_range(FrameFormat::NORMAL_BITS)?,
         shape_bits: if u.arbitrary()? { u.int_in_range(FrameFormat::SHAPE_BITS)? } else { 0 },
@@ -43,7 +65,7 @@ pub fn shape(u: &mut Unstructured<'_>) -> Result<FrameShape> {
             layers: if camera.projection == Projection::Cube { 0 } else { u.int_in_range(0..=MAX_LAYERS as u8)? },
             depth_bits: u.int_in_range(VolumeFormat::DEPTH_BITS)?,
             optical_depth_bits: u.int_in_range(VolumeFormat::OPTICAL_DEPTH_BITS)?,
-            source: *u.choose(&ColorFormat::ALL)?,
+            source: if color_coding == ColorCoding::Exact { *u.choose(&ColorFormat::ALL)? } else { ColorFormat::Root8 },
             ..VolumeFormat::NONE
         },
     };
@@ -139,6 +161,15 @@ pub fn decode<'a>(
         let band = StripDecoder::rows(shape, strip)?.start as usize / usize::from(shape.strip_rows);
         decoder.decode(shape, strip, &mut bands[band])?;
         decoded[band] = true;
+    }
+    // Strips of a video leave colour as it was: no number.
+    let is_video = matches!(shape.format.color_coding, ColorCoding::Video { .. });
+    for rows in bands.iter_mut().filter(|_| is_video) {
+        let of_nodes = rows.nodes.iter_mut().flat_map(|node| &mut node.radiance);
+        for plane in of_nodes.chain(rows.layers.iter_mut().flat_map(|layer| &mut layer.source)) {
+            assert!(plane.iter().all(|value| value.is_nan()));
+            plane.fill(0.0);
+        }
     }
     for (rows, _) in bands.iter().zip(decoded).filter(|(_, decoded)| *decoded) {
         for (node, planes) in rows.nodes.iter().enumerate() {

@@ -8,9 +8,10 @@
 //! A code measures z at the root. At a child it measures either its distance from the parent's point, or the
 //! z of the unfolded path: distances summed along the chain, divided by the length of the pixel's ray at z = 1.
 
+use super::bounded_depth;
 use super::shape::FrameShape;
 use crate::Camera;
-use crate::frame::{DepthCoding, NodeRows, Plan, TreeRows, UNDEFINED};
+use crate::frame::{DepthBound, DepthCoding, DepthFormat, NodeRows, Plan, TreeRows, UNDEFINED};
 use std::ops::Range;
 
 /// The code of a positive depth; `near` is the smallest depth of the strip. Infinity is 0; everything
@@ -45,6 +46,7 @@ const fn largest_code(bits: u8) -> u32 {
 pub(crate) struct DepthPlane {
     ray_lengths: Vec<f32>,
     metres: Vec<f32>,
+    depths: Vec<f32>,
 }
 
 impl DepthPlane {
@@ -63,8 +65,41 @@ impl DepthPlane {
         defined: &[bool],
         codes: &mut Vec<u32>,
     ) -> f32 {
+        let near = self.measure(shape, rows, node, defined, is_relative(shape, node));
+        let bits = shape.depth_bits(node);
+        codes.clear();
+        codes.extend(self.metres.iter().map(|&depth| quantise(depth, near, bits)));
+        near
+    }
+
+    /// The samples of a node's distances within a bound, and the step that was chosen for them. Where `defined` is false
+    /// the sample is meaningless.
+    pub(crate) fn quantise_bounded(
+        &mut self,
+        shape: &FrameShape,
+        bound: DepthBound,
+        rows: &TreeRows<'_>,
+        node: usize,
+        defined: &[bool],
+        samples: &mut Vec<i32>,
+    ) -> f32 {
+        let near = self.measure(shape, rows, node, defined, false);
+        let step_per_m = bounded_depth::step_per_m(bound, &shape.camera, node == 0, near);
+        bounded_depth::quantise(&self.metres, near, step_per_m, samples);
+        step_per_m
+    }
+
+    /// Fills in the depths of a node, and returns the nearest; 1 m where all are infinite.
+    fn measure(
+        &mut self,
+        shape: &FrameShape,
+        rows: &TreeRows<'_>,
+        node: usize,
+        defined: &[bool],
+        as_distance: bool,
+    ) -> f32 {
         path_distances(&shape.plan, &rows.nodes, node, is_relative(shape, node), &mut self.metres);
-        if !is_relative(shape, node) {
+        if !as_distance {
             for (metres, &length) in self.metres.iter_mut().zip(&self.ray_lengths) {
                 *metres /= length;
             }
@@ -75,11 +110,21 @@ impl DepthPlane {
             *metres = if defined { *metres } else { unknown };
         }
         let near = nearest(&self.metres);
-        let near = if near.is_finite() { near } else { 1.0 };
-        let bits = shape.depth_bits(node);
-        codes.clear();
-        codes.extend(self.metres.iter().map(|&depth| quantise(depth, near, bits)));
-        near
+        if near.is_finite() { near } else { 1.0 }
+    }
+
+    /// Writes the distances of samples within a bound; those of the node's ancestors must be there already.
+    pub(crate) fn dequantise_bounded(
+        &mut self,
+        shape: &FrameShape,
+        rows: &mut TreeRows<'_>,
+        node: usize,
+        step_per_m: f32,
+        defined: Option<&[bool]>,
+        samples: &[i32],
+    ) {
+        bounded_depth::dequantise(samples, step_per_m, &mut self.depths);
+        self.write(shape, rows, node, defined);
     }
 
     /// Writes the distances of codes; those of the node's ancestors must be there already.
@@ -93,21 +138,28 @@ impl DepthPlane {
         codes: &[u32],
     ) {
         let bits = shape.depth_bits(node);
-        if is_relative(shape, node) {
-            for (distance, &code) in rows.nodes[node].distance.iter_mut().zip(codes) {
-                *distance = dequantise(code, near, bits);
-            }
-        } else if node == 0 {
-            let lengths = &self.ray_lengths;
-            for ((distance, &code), &length) in rows.nodes[0].distance.iter_mut().zip(codes).zip(lengths) {
-                *distance = (dequantise(code, near, bits) * length).max(f32::MIN_POSITIVE);
+        self.depths.clear();
+        self.depths.extend(codes.iter().map(|&code| dequantise(code, near, bits)));
+        self.write(shape, rows, node, defined);
+    }
+
+    /// Writes the distances of depths.
+    fn write(&mut self, shape: &FrameShape, rows: &mut TreeRows<'_>, node: usize, defined: Option<&[bool]>) {
+        let (depths, lengths) = (&self.depths, &self.ray_lengths);
+        let is_bounded = matches!(shape.format.depth, DepthFormat::Bounded(_));
+        if is_relative(shape, node) && !is_bounded {
+            rows.nodes[node].distance.copy_from_slice(depths);
+        } else if node == 0 || is_relative(shape, node) {
+            for ((distance, &depth), &length) in rows.nodes[node].distance.iter_mut().zip(depths).zip(lengths) {
+                *distance = (depth * length).max(f32::MIN_POSITIVE);
             }
         } else {
             let parent = usize::from(shape.plan.nodes()[node].parent);
             path_distances(&shape.plan, &rows.nodes, parent, false, &mut self.metres);
-            let before = self.metres.iter().zip(&self.ray_lengths);
-            for ((distance, &code), (&before, &length)) in rows.nodes[node].distance.iter_mut().zip(codes).zip(before) {
-                *distance = beyond(before, dequantise(code, near, bits) * length);
+            let before = self.metres.iter().zip(lengths);
+            for ((distance, &depth), (&before, &length)) in rows.nodes[node].distance.iter_mut().zip(depths).zip(before)
+            {
+                *distance = beyond(before, depth * length);
             }
         }
         if let Some(defined) = defined {

@@ -16,7 +16,9 @@ pub(crate) fn dequantise(
     defined: Option<&[bool]>,
     interface: &mut [u8],
 ) -> Result<(), DecodeError> {
-    if codes.iter().any(|&code| code as usize > entries) {
+    // What continues the codes over undefined pixels may be any number.
+    let is_defined = |pixel: usize| defined.is_none_or(|defined| defined[pixel]);
+    if codes.iter().enumerate().any(|(pixel, &code)| code as usize > entries && is_defined(pixel)) {
         return Err(DecodeError::Malformed { field: "interface", expected: "an entry of the table" });
     }
     for (interface, &code) in interface.iter_mut().zip(codes) {
@@ -50,5 +52,9 @@ mod tests {
         let mut interface = [9; 2];
         dequantise(&[1, 1], 1, Some(&[true, false]), &mut interface).unwrap();
         assert_eq!(interface, [1, 0]);
+        // The gradient of a first grid goes beyond the table.
+        dequantise(&[1, 3], 1, Some(&[true, false]), &mut interface).unwrap();
+        assert_eq!(interface, [1, 0]);
+        assert!(dequantise(&[1, 3], 1, Some(&[false, true]), &mut interface).is_err());
     }
 }

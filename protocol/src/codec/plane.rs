@@ -72,19 +72,18 @@ impl PlaneKind {
         }
     }
 
-    /// How the samples of this kind are coded; the figures behind it are in docs/measurements. Validity is a
-    /// mask, which is coded in its own way.
-    pub fn coding(self) -> (Predictor, Packing) {
+    /// How the codes of this kind are coded where they must come back as they were: row by row, or, with `None`, from coarse
+    /// to fine. The figures behind it are in docs/measurements. Within a bound all are coded from coarse to fine.
+    pub fn coding(self) -> Option<(Predictor, Packing)> {
         match self {
-            PlaneKind::Radiance
+            PlaneKind::Validity
             | PlaneKind::Interface
-            | PlaneKind::Validity
+            | PlaneKind::Normal
             | PlaneKind::OpticalDepth
-            | PlaneKind::Extent
-            | PlaneKind::Source => (Predictor::Median, Packing::Bytes),
-            PlaneKind::Shape => (Predictor::Median, Packing::Runs),
-            PlaneKind::Depth => (Predictor::Gradient, Packing::Bytes),
-            PlaneKind::Normal => (Predictor::Gradient, Packing::Runs),
+            | PlaneKind::Extent => None,
+            PlaneKind::Radiance | PlaneKind::Source => Some((Predictor::Median, Packing::Bytes)),
+            PlaneKind::Shape => Some((Predictor::Median, Packing::Runs)),
+            PlaneKind::Depth => Some((Predictor::Gradient, Packing::Bytes)),
         }
     }
 }

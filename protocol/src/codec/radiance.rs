@@ -3,10 +3,9 @@
 
 use super::shape::FrameShape;
 use crate::frame::{Arrival, ColorFormat, NodeRows, TreeRows, UNDEFINED};
-use crate::optics::Interface;
 
-/// The radiance of the largest code: what saturates the display, or more where the node is only seen
-/// through the weak reflection of a dielectric or a pane.
+/// The radiance of the largest code: what saturates the display, or more where the node is only seen through weak
+/// reflections: as much as saturates it at a boundary that reflects least when it is met head-on.
 pub(crate) fn white(shape: &FrameShape, rows: &TreeRows<'_>, node: usize) -> f32 {
     /// A dielectric reflects a quarter at 78 degrees; beyond this, colour steps of a mirror in the same strip
     /// would show.
@@ -16,19 +15,23 @@ pub(crate) fn white(shape: &FrameShape, rows: &TreeRows<'_>, node: usize) -> f32
     if place.arrival != Arrival::Reflected {
         return display_white;
     }
+    // By pixel value; 0 is no boundary.
+    let mut headroom = [1.0_f32; 256];
+    for (headroom, interface) in headroom[1..].iter_mut().zip(&shape.interfaces.0) {
+        *headroom = (1.0 / interface.reflectance(1.0).min_element()).clamp(1.0, MOST);
+    }
     let planes = &rows.nodes[node];
     let parent = &rows.nodes[usize::from(place.parent)];
     let mut white = display_white;
     for (pixel, &interface) in parent.interface.iter().enumerate() {
-        let is_weak =
-            matches!(shape.interfaces.at(interface), Some(Interface::Dielectric { .. } | Interface::Pane { .. }));
-        if is_weak && planes.distance[pixel] != UNDEFINED {
+        let most = headroom[usize::from(interface)] * display_white;
+        if most > white && planes.distance[pixel] != UNDEFINED {
             let [red, green, blue] = &planes.radiance;
             // `max` drops NaN.
-            white = white.max(red[pixel]).max(green[pixel]).max(blue[pixel]);
+            white = white.max(red[pixel].max(green[pixel]).max(blue[pixel]).min(most));
         }
     }
-    white.min(MOST * display_white)
+    white
 }
 
 /// The codes of a radiance plane: green, red - green, blue - green.
@@ -102,6 +105,7 @@ fn mask(color: ColorFormat) -> u32 {
 mod tests {
     use super::*;
     use crate::frame::{Interfaces, Plan, Tree, VolumeRange};
+    use crate::optics::Interface;
     use crate::{Camera, ImageSize, Pose};
 
     fn shape(interface: Interface, exposure: f32) -> FrameShape {
@@ -125,6 +129,16 @@ mod tests {
         tree.nodes[0].interface[5] = 1;
         tree.nodes[node].radiance[1][5] = 1e9;
         white(shape, &tree.bands_mut(2)[0], node)
+    }
+
+    #[test]
+    fn what_metal_reflects_may_be_as_bright_as_saturates_the_display_in_it() {
+        // At normal incidence ((eta - 1)^2 + k^2) / ((eta + 1)^2 + k^2) is reflected.
+        let metal = shape(Interface::Conductor { eta: [0.5; 3], k: [1.0; 3] }, 0.5);
+        let most = 2.0 * 3.25 / 1.25;
+        for (brightest, white) in [(0.1, 2.0), (3.0, 3.0), (1e9, most)] {
+            assert!((white_of(&metal, 1, brightest) - white).abs() < 1e-5, "{brightest}");
+        }
     }
 
     #[test]

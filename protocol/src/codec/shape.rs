@@ -2,8 +2,9 @@
 
 use super::{DecodeError, Limits, PlaneKind};
 use crate::camera::Projection;
-use crate::frame::{FrameFormat, Interfaces, MAX_INTERFACES, Plan, Tree, VolumeRange};
+use crate::frame::{ColorCoding, DepthFormat, FrameFormat, Interfaces, MAX_INTERFACES, Plan, Tree, VolumeRange};
 use crate::optics::Interface;
+use crate::video::{Canvas, Placement};
 use crate::{Camera, Pose};
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
@@ -31,9 +32,10 @@ impl FrameShape {
     /// Exposures that are accepted: far beyond any picture, and the white of every one of them is a number.
     pub const EXPOSURE: std::ops::RangeInclusive<f32> = 1e-12..=1e12;
 
-    /// Bytes per pixel of a strip that a decoder holds beside the planes: three channels, depths and ray
-    /// lengths of 4 bytes, packed samples of at most 7, a flag.
-    const SCRATCH_BYTES: usize = 28;
+    /// Bytes per pixel of a strip that a decoder holds beside the planes: three channels, depths, metres and ray
+    /// lengths of 4 bytes, packed samples of at most 7, a flag; and for the pyramid two grids, the parts of a level, its
+    /// predictions and residuals, contexts, masks and samples.
+    const SCRATCH_BYTES: usize = 64;
 
     /// Number of strips.
     pub fn strips(&self) -> usize {
@@ -58,7 +60,9 @@ impl FrameShape {
             if node > 0 {
                 push(PlaneKind::Validity);
             }
-            push(PlaneKind::Radiance);
+            if !self.is_picture(PlaneKind::Radiance) {
+                push(PlaneKind::Radiance);
+            }
             push(PlaneKind::Depth);
             if self.plan.has_children(node) && !self.interfaces.0.is_empty() {
                 push(PlaneKind::Interface);
@@ -69,12 +73,29 @@ impl FrameShape {
             }
         }
         for layer in 0..self.format.volume.layers {
-            for kind in PlaneKind::OF_LAYERS {
+            for kind in PlaneKind::OF_LAYERS.into_iter().filter(|&kind| !self.is_picture(kind)) {
                 let (channels, bits) = self.channels(usize::from(layer), kind);
                 planes.push((layer, kind, channels * bits));
             }
         }
         planes
+    }
+
+    /// The planes that travel as pictures instead, in order: node or layer, and kind.
+    pub fn pictures(&self) -> Vec<(u8, PlaneKind)> {
+        let nodes = (0..self.plan.nodes().len() as u8).map(|node| (node, PlaneKind::Radiance));
+        let layers = (0..self.format.volume.layers).map(|layer| (layer, PlaneKind::Source));
+        nodes.chain(layers).filter(|(_, kind)| self.is_picture(*kind)).collect()
+    }
+
+    /// Whether planes of this kind are pictures. Sources of more than 8 bits stay in strips.
+    fn is_picture(&self, kind: PlaneKind) -> bool {
+        let bits = match kind {
+            PlaneKind::Radiance => self.format.color.bits(),
+            PlaneKind::Source => self.format.volume.source.bits(),
+            _ => return false,
+        };
+        matches!(self.format.color_coding, ColorCoding::Video { .. }) && bits == 8
     }
 
     /// Channels of a plane and the bits of each.
@@ -112,7 +133,22 @@ impl FrameShape {
     }
 
     pub(crate) fn depth_bits(&self, node: usize) -> u8 {
-        if node == 0 { self.format.root_depth_bits } else { self.format.child_depth_bits }
+        match self.format.depth {
+            DepthFormat::Codes { root_bits, .. } if node == 0 => root_bits,
+            DepthFormat::Codes { child_bits, .. } => child_bits,
+            DepthFormat::Bounded(_) => 16,
+        }
+    }
+
+    /// Whether the codes of such a plane travel from coarse to fine, and then the error that they may have.
+    pub(crate) fn coarse_to_fine(&self, kind: PlaneKind) -> Option<u8> {
+        match kind {
+            PlaneKind::Radiance | PlaneKind::Source => match self.format.color_coding {
+                ColorCoding::Bounded { error } => Some(error),
+                _ => None,
+            },
+            kind => kind.coding().is_none().then_some(0),
+        }
     }
 
     /// Refuses a shape that is not possible or that `limits` forbid.
@@ -124,7 +160,7 @@ impl FrameShape {
         if !self.format.is_valid() {
             return malformed(
                 "format",
-                "depth of 8 to 24 bits, normals of 6 to 16, shapes of 0 or 6 to 12; 0 to 8 layers with depths of 8 to 16 bits and optical depths of 6 to 16",
+                "depth of 8 to 24 bits, normals of 6 to 16, shapes of 0 or 6 to 12; 0 to 8 layers with depths and optical depths of 4 to 16 bits",
             );
         }
         if self.format.volume.layers > 0 && !self.volume.is_valid() {
@@ -141,6 +177,12 @@ impl FrameShape {
         }
         if self.interfaces.0.len() > MAX_INTERFACES || !self.interfaces.0.iter().all(Interface::is_valid) {
             return malformed("interfaces", "at most 255, with indices of refraction that exist");
+        }
+        if !self.pictures().is_empty() && !Canvas::around(self.camera.size).is_valid() {
+            return malformed(
+                "size of a frame with pictures",
+                "at most 8688 pixels on a side, and 36864 blocks of 16 x 16",
+            );
         }
         let within = |limit: usize, requested: usize| {
             if requested > limit { Err(DecodeError::LimitExceeded { limit, requested }) } else { Ok(()) }
@@ -159,7 +201,14 @@ impl FrameShape {
         let pixel_bytes = (0..self.plan.nodes().len()).map(node_bytes).sum::<usize>() + layer_bytes;
         // Decoding layers takes the code of the last back, too.
         let scratch = Self::SCRATCH_BYTES + if layer_bytes > 0 { 4 } else { 0 };
-        self.camera.size.pixels() * pixel_bytes + self.rows_of(0).len() * self.camera.size.width as usize * scratch
+        // A decoder of pictures keeps two for reference and makes one, each of up to the largest canvas.
+        let side = |px: u32| 2 * px as usize + Placement::SLACK_PX;
+        let canvas_pixels =
+            (side(self.camera.size.width) * side(self.camera.size.height)).min(Canvas::MAX_BLOCKS * 256);
+        let picture_bytes = self.pictures().len() * canvas_pixels * 9 / 2;
+        picture_bytes
+            + self.camera.size.pixels() * pixel_bytes
+            + self.rows_of(0).len() * self.camera.size.width as usize * scratch
     }
 }
 
@@ -229,7 +278,7 @@ mod tests {
         assert!(refused(|shape| shape.camera.size.width = 0).contains("camera"));
         assert!(refused(|shape| shape.camera.fov.left = f32::NAN).contains("camera"));
         assert!(refused(|shape| shape.format.normal_bits = 17).contains("format"));
-        assert!(refused(|shape| shape.format.child_depth_bits = 25).contains("format"));
+        assert!(refused(|shape| shape.format = shape.format.with_depth_bits(16, 25)).contains("format"));
         assert!(refused(|shape| shape.format.shape_bits = 5).contains("format"));
         assert!(refused(|shape| shape.format.shape_bits = 13).contains("format"));
         assert!(refused(|shape| shape.strip_rows = 0).contains("strip_rows"));
@@ -246,7 +295,7 @@ mod tests {
     #[test]
     fn a_whole_frame_in_one_strip_counts_its_scratch() {
         let mut shape = shape(ImageSize::new(100, 100));
-        let limits = Limits { frame_bytes: 10_000 * (29 + 16 + 41 + 16) + 400 * 28, ..Limits::default() };
+        let limits = Limits { frame_bytes: 10_000 * (29 + 16 + 41 + 16) + 400 * 64, ..Limits::default() };
         assert_eq!(shape.check(&limits), Ok(()));
         shape.strip_rows = 100;
         assert!(shape.check(&limits).is_err());
@@ -254,7 +303,7 @@ mod tests {
         shape.format.shape_bits = 0;
         assert_eq!(
             shape.check(&limits),
-            Err(DecodeError::LimitExceeded { limit: limits.frame_bytes, requested: 10_000 * (90 + 28) })
+            Err(DecodeError::LimitExceeded { limit: limits.frame_bytes, requested: 10_000 * (90 + 64) })
         );
     }
 }

@@ -4,13 +4,14 @@
 //! strip can leave before the rest of the frame is rendered. Planes follow the plan's pre-order and stand
 //! in one fixed order, so the receiver knows what must come and refuses anything else.
 
+use super::channels::{ChannelCoder, Extents};
 use super::curvature::ShapePlane;
 use super::depth::DepthPlane;
 use super::layers::LayersPlane;
 use super::plane::PlaneHeader;
 use super::{DecodeError, FrameShape, PlaneBytes, PlaneKind};
-use super::{interface, mask, normal, radiance, samples};
-use crate::frame::{LayerRows, NodeRows, TreeRows, UNDEFINED};
+use super::{bounded_depth, interface, normal, radiance, samples};
+use crate::frame::{DepthFormat, LayerRows, NodeRows, TreeRows, UNDEFINED};
 use std::ops::Range;
 
 /// What stands before the planes: first row, rows, number of planes.
@@ -50,6 +51,8 @@ pub struct StripEncoder {
     depth: DepthPlane,
     shape: ShapePlane,
     layers: LayersPlane,
+    channels: ChannelCoder,
+    samples: Vec<i32>,
     compressor: zstd::bulk::Compressor<'static>,
 }
 
@@ -81,6 +84,8 @@ impl StripEncoder {
             depth: DepthPlane::default(),
             shape: ShapePlane::default(),
             layers: LayersPlane::default(),
+            channels: ChannelCoder::default(),
+            samples: Vec::new(),
             // Fails only where no memory is left for the context.
             compressor: zstd::bulk::Compressor::new(level).unwrap_or_default(),
         }
@@ -94,13 +99,13 @@ impl StripEncoder {
         self.depth.begin(&shape.camera, rows.rows.clone());
         let mut sizes = Vec::with_capacity(planes.len());
         if !rows.layers.is_empty() {
-            self.layers.quantise(shape, rows);
+            self.layers.begin(rows.rows.len() * shape.camera.size.width as usize);
         }
         let mut current = None;
         for (node, kind, _) in planes {
             if kind.is_of_layer() {
                 let start = out.len();
-                self.encode_layer(shape, node, kind, out);
+                self.encode_layer(shape, &rows.layers[usize::from(node)], node, kind, out);
                 sizes.push(PlaneBytes { node, kind, bytes: out.len() - start });
                 continue;
             }
@@ -132,12 +137,23 @@ impl StripEncoder {
         let mut scale = 0.0;
         let mut defined = (index > 0).then_some(&self.defined[..]);
         match kind {
-            PlaneKind::Validity => {}
+            PlaneKind::Validity => {
+                self.codes[0].clear();
+                self.codes[0].extend(self.defined.iter().map(|&defined| u32::from(defined)));
+                defined = None;
+            }
             PlaneKind::Radiance => {
                 scale = radiance::white(shape, rows, index);
                 radiance::quantise(shape.format.color, scale, planes, &mut self.codes);
             }
             PlaneKind::Depth => {
+                if let DepthFormat::Bounded(bound) = shape.format.depth {
+                    let (samples, known) = (&mut self.samples, &self.defined);
+                    scale = self.depth.quantise_bounded(shape, bound, rows, index, known, samples);
+                    let start = begin_plane(out);
+                    self.channels.pyramid.encode(width, bounded_depth::ROUNDING, defined, samples, out);
+                    return end_plane(node, kind, scale, start, out);
+                }
                 scale = self.depth.quantise(shape, rows, index, &self.defined, &mut self.codes[0]);
             }
             PlaneKind::Interface => {
@@ -159,14 +175,21 @@ impl StripEncoder {
             PlaneKind::OpticalDepth | PlaneKind::Extent | PlaneKind::Source => return,
         }
 
+        let (channels, bits) = shape.channels(index, kind);
+        if let Some(coding) = shape.coarse_to_fine(kind) {
+            let size = Extents { width, height: self.defined.len() / width, bits };
+            let start = begin_plane(out);
+            match coding {
+                0 => self.channels.encode_exact(size, defined, &self.codes[..channels], out),
+                error => self.channels.encode_color(size, error, defined, &self.codes[..channels], out),
+            }
+            return end_plane(node, kind, scale, start, out);
+        }
+
         // Predict and pack.
         let mut packed = std::mem::take(&mut self.packed);
         packed.clear();
-        if kind == PlaneKind::Validity {
-            mask::pack(width, &self.defined, &mut packed);
-        } else {
-            let (channels, bits) = shape.channels(index, kind);
-            let (predictor, packing) = kind.coding();
+        if let Some((predictor, packing)) = kind.coding() {
             for codes in &mut self.codes[..channels] {
                 samples::predict(codes, width, bits, predictor, defined, &mut self.residuals);
                 packed = samples::pack(&self.residuals, bits, packing, packed);
@@ -176,19 +199,44 @@ impl StripEncoder {
         self.compress(node, kind, scale, out);
     }
 
-    fn encode_layer(&mut self, shape: &FrameShape, layer: u8, kind: PlaneKind, out: &mut Vec<u8>) {
+    fn encode_layer(
+        &mut self,
+        shape: &FrameShape,
+        planes: &LayerRows<'_>,
+        layer: u8,
+        kind: PlaneKind,
+        out: &mut Vec<u8>,
+    ) {
+        if kind != PlaneKind::Source {
+            let start = begin_plane(out);
+            match kind {
+                PlaneKind::Extent => self.layers.encode_extent(shape, layer, planes, &mut self.channels, out),
+                _ => self.layers.encode_optical_depth(shape, planes, &mut self.channels, out),
+            }
+            return end_plane(layer, kind, 0.0, start, out);
+        }
         let width = shape.camera.size.width as usize;
         let (_, bits) = shape.channels(usize::from(layer), kind);
-        let (predictor, packing) = kind.coding();
-        let (channels, defined, scale) = self.layers.channels(usize::from(layer), kind);
+        let (channels, defined, white) = self.layers.source_codes(shape, planes);
+        let size = Extents { width, height: defined.len() / width, bits };
+        if let Some(coding) = shape.coarse_to_fine(kind) {
+            let start = begin_plane(out);
+            match coding {
+                0 => self.channels.encode_exact(size, Some(defined), channels, out),
+                error => self.channels.encode_color(size, error, Some(defined), channels, out),
+            }
+            return end_plane(layer, kind, white, start, out);
+        }
         let mut packed = std::mem::take(&mut self.packed);
         packed.clear();
-        for codes in channels {
-            samples::predict(codes, width, bits, predictor, defined, &mut self.residuals);
-            packed = samples::pack(&self.residuals, bits, packing, packed);
+        if let Some((predictor, packing)) = kind.coding() {
+            for codes in channels {
+                samples::predict(codes, width, bits, predictor, Some(defined), &mut self.residuals);
+                packed = samples::pack(&self.residuals, bits, packing, packed);
+            }
         }
         self.packed = packed;
-        self.compress(layer, kind, scale, out);
+        self.compress(layer, kind, white, out);
     }
 
     /// Appends the plane whose samples are packed, behind its header.
@@ -203,16 +251,32 @@ impl StripEncoder {
     }
 }
 
+/// Leaves room for the header of a plane, and returns where it is.
+fn begin_plane(out: &mut Vec<u8>) -> usize {
+    out.extend_from_slice(&[0; PlaneHeader::BYTES]);
+    out.len() - PlaneHeader::BYTES
+}
+
+/// Writes the header of the plane that started there.
+fn end_plane(node: u8, kind: PlaneKind, scale: f32, start: usize, out: &mut [u8]) {
+    let behind = start + PlaneHeader::BYTES;
+    let header = PlaneHeader { node, kind, scale, payload_bytes: (out.len() - behind) as u32 };
+    out[start..behind].copy_from_slice(&header.to_bytes());
+}
+
 /// Unpacks strips; keeps its buffers from one to the next.
 #[derive(Default)]
 pub struct StripDecoder {
     codes: [Vec<u32>; 3],
     packed: Vec<u8>,
     defined: Vec<bool>,
+    has_interface: Vec<bool>,
     radiance: radiance::Dequantiser,
     depth: DepthPlane,
     shape: ShapePlane,
     layers: LayersPlane,
+    channels: ChannelCoder,
+    samples: Vec<i32>,
     decompressor: zstd::bulk::Decompressor<'static>,
 }
 
@@ -290,41 +354,61 @@ impl StripDecoder {
     ) -> Result<(), DecodeError> {
         let node = usize::from(header.node);
         let width = shape.camera.size.width as usize;
-        let pixels = rows.rows.len() * width;
         let (channels, bits) = shape.channels(node, header.kind);
 
-        // Decompress, unpack and undo the prediction.
+        // Undo the prediction.
+        let size = Extents { width, height: rows.rows.len(), bits };
         if header.kind == PlaneKind::Validity {
-            self.decompress(payload, mask::packed_bytes(width, pixels))?;
-            let expected = "a bit for every pixel";
-            return mask::unpack(&self.packed, width, pixels, &mut self.defined)
-                .ok_or(DecodeError::Malformed { field: "validity", expected });
+            self.channels.decode_exact(size, None, payload, &mut self.codes[..1])?;
+            self.defined.clear();
+            self.defined.extend(self.codes[0].iter().map(|&code| code > 0));
+            return Ok(());
         }
         if !header.kind.is_of_layer() && node > 0 && !self.defined.contains(&true) {
             return write_nothing(header, &mut rows.nodes[node]);
         }
-        let (predictor, packing) = header.kind.coding();
-        self.decompress(payload, channels * samples::max_packed_bytes(pixels, bits))?;
-        let mut rest = &self.packed[..];
-        for codes in &mut self.codes[..channels] {
-            let expected = "a residual of the right width for every pixel";
-            rest = samples::unpack(rest, pixels, bits, packing, codes)
-                .ok_or(DecodeError::Malformed { field: "samples", expected })?;
+        match header.kind {
+            PlaneKind::OpticalDepth => {
+                return self.layers.decode_optical_depth(shape, &mut rows.layers[node], &mut self.channels, payload);
+            }
+            PlaneKind::Extent => {
+                let (planes, coder) = (&mut rows.layers[node], &mut self.channels);
+                return self.layers.decode_extent(shape, header.node, planes, coder, payload);
+            }
+            _ => {}
         }
-        if !rest.is_empty() {
-            return Err(DecodeError::Malformed { field: "samples", expected: "nothing behind the last" });
+        let defined = (node > 0).then_some(&self.defined[..]);
+        if header.kind == PlaneKind::Depth && matches!(shape.format.depth, DepthFormat::Bounded(_)) {
+            let (samples, rounding) = (&mut self.samples, bounded_depth::ROUNDING);
+            self.channels.pyramid.decode(width, size.height, rounding, defined, payload, samples)?;
+            self.depth.dequantise_bounded(shape, rows, node, header.scale, defined, samples);
+            return Ok(());
         }
-        let [first, second, third] = &mut self.codes;
-        match channels {
-            1 => samples::reconstruct([first], width, bits, predictor),
-            2 => samples::reconstruct([first, second], width, bits, predictor),
-            _ => samples::reconstruct([first, second, third], width, bits, predictor),
+        if let Some(coding) = shape.coarse_to_fine(header.kind) {
+            let defined = match header.kind {
+                PlaneKind::Source => Some(self.layers.defined()),
+                PlaneKind::Normal => {
+                    let interface = rows.nodes[node].interface.iter();
+                    self.has_interface.clear();
+                    self.has_interface.extend(interface.map(|&interface| interface > 0));
+                    Some(&self.has_interface[..])
+                }
+                _ => defined,
+            };
+            let codes = &mut self.codes[..channels];
+            match coding {
+                0 => self.channels.decode_exact(size, defined, payload, codes)?,
+                error => self.channels.decode_color(size, error, defined, payload, codes)?,
+            }
+        } else {
+            self.decode_samples(size, channels, header.kind, payload)?;
         }
 
         // Undo the quantisation.
         if header.kind.is_of_layer() {
             let planes = &mut rows.layers[node];
-            return self.layers.dequantise(shape, header.kind, header.scale, &self.codes, planes);
+            self.layers.dequantise_source(shape, header.scale, &self.codes, planes);
+            return Ok(());
         }
         let defined = (node > 0).then_some(&self.defined[..]);
         let planes = &mut rows.nodes[node];
@@ -342,6 +426,36 @@ impl StripDecoder {
             PlaneKind::Normal => normal::dequantise_plane(shape.format.normal_bits, &self.codes, planes),
             PlaneKind::Shape => self.shape.dequantise(shape.format.shape_bits, header.scale, &self.codes, planes),
             PlaneKind::OpticalDepth | PlaneKind::Extent | PlaneKind::Source => {}
+        }
+        Ok(())
+    }
+
+    /// Residuals that a zstd frame holds, undone row by row.
+    fn decode_samples(
+        &mut self,
+        size: Extents,
+        channels: usize,
+        kind: PlaneKind,
+        payload: &[u8],
+    ) -> Result<(), DecodeError> {
+        let Extents { width, height, bits } = size;
+        let pixels = width * height;
+        let Some((predictor, packing)) = kind.coding() else { return Ok(()) };
+        self.decompress(payload, channels * samples::max_packed_bytes(pixels, bits))?;
+        let mut rest = &self.packed[..];
+        for codes in &mut self.codes[..channels] {
+            let expected = "a residual of the right width for every pixel";
+            rest = samples::unpack(rest, pixels, bits, packing, codes)
+                .ok_or(DecodeError::Malformed { field: "samples", expected })?;
+        }
+        if !rest.is_empty() {
+            return Err(DecodeError::Malformed { field: "samples", expected: "nothing behind the last" });
+        }
+        let [first, second, third] = &mut self.codes;
+        match channels {
+            1 => samples::reconstruct([first], width, bits, predictor),
+            2 => samples::reconstruct([first, second], width, bits, predictor),
+            _ => samples::reconstruct([first, second, third], width, bits, predictor),
         }
         Ok(())
     }

@@ -66,6 +66,121 @@ fn nearest_integer(value: f32) -> u16 {
     (value + 8_388_608.0).to_bits() as u16
 }
 
+/// How the radiance of nodes, and the source radiance of layers, travels.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub enum ColorCoding {
+    /// Every code of the [`ColorFormat`] as it is.
+    Exact,
+    /// Each code within `error` of what it was.
+    Bounded {
+        /// Largest error in codes, [`ColorCoding::ERRORS`].
+        error: u8,
+    },
+    /// As pictures of a video, one stream per node and per layer.
+    Video {
+        /// H.264's quantiser for the plane that matters most; others may have a coarser one. [`ColorCoding::QUANTISERS`].
+        quantiser: u8,
+    },
+}
+
+impl ColorCoding {
+    /// Bounds have between 1 and 64 codes.
+    pub const ERRORS: std::ops::RangeInclusive<u8> = 1..=64;
+    /// The quantisers of H.264 for 8 bits.
+    pub const QUANTISERS: std::ops::RangeInclusive<u8> = 0..=51;
+
+    /// Whether its number is in its range, and `color` has codes of which this can be said.
+    pub fn is_valid(&self, color: ColorFormat) -> bool {
+        match self {
+            ColorCoding::Exact => true,
+            ColorCoding::Bounded { error } => Self::ERRORS.contains(error) && color != ColorFormat::Half,
+            ColorCoding::Video { quantiser } => Self::QUANTISERS.contains(quantiser) && color.bits() == 8,
+        }
+    }
+}
+
+impl std::fmt::Display for ColorCoding {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            ColorCoding::Exact => write!(f, "exact"),
+            ColorCoding::Bounded { error } => write!(f, "bounded:{error}"),
+            ColorCoding::Video { quantiser } => write!(f, "video:{quantiser}"),
+        }
+    }
+}
+
+impl std::str::FromStr for ColorCoding {
+    type Err = String;
+    fn from_str(text: &str) -> Result<ColorCoding, String> {
+        let (name, number) =
+            text.split_once(':').map_or((text, None), |(name, number)| (name, Some(number.parse::<u8>())));
+        match (name, number) {
+            ("exact", None) => Ok(ColorCoding::Exact),
+            ("bounded", Some(Ok(error))) if Self::ERRORS.contains(&error) => Ok(ColorCoding::Bounded { error }),
+            ("video", Some(Ok(quantiser))) if Self::QUANTISERS.contains(&quantiser) => {
+                Ok(ColorCoding::Video { quantiser })
+            }
+            _ => Err(format!("expected exact, bounded:1 to 64 or video:0 to 51, found '{text}'")),
+        }
+    }
+}
+
+/// How depths travel.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub enum DepthFormat {
+    /// Codes of inverse depth, as they are.
+    Codes {
+        /// Bits of the root's, [`FrameFormat::DEPTH_BITS`].
+        root_bits: u8,
+        /// Bits of a child's.
+        child_bits: u8,
+    },
+    /// As coarse as a promise allows.
+    Bounded(DepthBound),
+}
+
+/// A promise about depth: whoever moves by so much sees no pixel further than so many pixels from its place.
+///
+/// A step of `d` in inverse depth moves a pixel by `focal_px * motion_m * d`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub struct DepthBound {
+    /// Largest error of the root on the display, in hundredths of a pixel; [`DepthBound::ERRORS_CENTI_PX`].
+    pub error_centi_px: u16,
+    /// For heads that move so far from the render pose, in millimetres; [`DepthBound::MOTIONS_MM`].
+    pub motion_mm: u16,
+    /// How many times as large the error of a child may be, which is seen through its parent;
+    /// [`DepthBound::CHILD_FACTORS`].
+    pub child_factor: u8,
+}
+
+impl DepthBound {
+    /// Errors from a hundredth of a pixel to 16 pixels.
+    pub const ERRORS_CENTI_PX: std::ops::RangeInclusive<u16> = 1..=1600;
+    /// Motions from a millimetre to 10 m.
+    pub const MOTIONS_MM: std::ops::RangeInclusive<u16> = 1..=10_000;
+    /// Children may be up to 16 times as coarse.
+    pub const CHILD_FACTORS: std::ops::RangeInclusive<u8> = 1..=16;
+
+    /// Whether every number is in its range.
+    pub fn is_valid(&self) -> bool {
+        Self::ERRORS_CENTI_PX.contains(&self.error_centi_px)
+            && Self::MOTIONS_MM.contains(&self.motion_mm)
+            && Self::CHILD_FACTORS.contains(&self.child_factor)
+    }
+
+    /// Largest error of inverse depth that keeps the promise, per metre, for a camera of so many pixels per tangent.
+    pub fn inverse_depth_error_per_m(&self, focal_px: f32, is_root: bool) -> f64 {
+        let error_px = 0.01 * f64::from(self.error_centi_px) * if is_root { 1.0 } else { f64::from(self.child_factor) };
+        error_px / (f64::from(focal_px) * 0.001 * f64::from(self.motion_mm))
+    }
+}
+
+impl Default for DepthBound {
+    fn default() -> DepthBound {
+        DepthBound { error_centi_px: 10, motion_mm: 200, child_factor: 2 }
+    }
+}
+
 /// What the depth code of a child node measures.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub enum DepthCoding {
@@ -132,9 +247,9 @@ pub struct VolumeFormat {
 
 impl VolumeFormat {
     /// Depths have between 8 and 16 bits.
-    pub const DEPTH_BITS: std::ops::RangeInclusive<u8> = 8..=16;
+    pub const DEPTH_BITS: std::ops::RangeInclusive<u8> = 4..=16;
     /// Optical depths have between 6 and 16 bits.
-    pub const OPTICAL_DEPTH_BITS: std::ops::RangeInclusive<u8> = 6..=16;
+    pub const OPTICAL_DEPTH_BITS: std::ops::RangeInclusive<u8> = 4..=16;
 
     /// No volume.
     pub const NONE: VolumeFormat = VolumeFormat {
@@ -165,10 +280,10 @@ impl Default for VolumeFormat {
 pub struct FrameFormat {
     /// Radiance of every node.
     pub color: ColorFormat,
-    /// Bits of the root's inverse depth, [`FrameFormat::DEPTH_BITS`].
-    pub root_depth_bits: u8,
-    /// Bits of a child's inverse depth.
-    pub child_depth_bits: u8,
+    /// How that radiance travels.
+    pub color_coding: ColorCoding,
+    /// How depths travel.
+    pub depth: DepthFormat,
     /// What a child's depth measures.
     pub child_depth: DepthCoding,
     /// Bits of each of the two octahedral coordinates of a normal, [`FrameFormat::NORMAL_BITS`].
@@ -188,16 +303,32 @@ impl FrameFormat {
     /// Entries of a shape operator have between 6 and 12 bits, where they are sent.
     pub const SHAPE_BITS: std::ops::RangeInclusive<u8> = 6..=12;
 
+    /// Codes of 8 bits of colour and 16 of depth, as they are.
+    pub fn exact() -> FrameFormat {
+        FrameFormat { color_coding: ColorCoding::Exact, ..FrameFormat::default() }.with_depth_bits(16, 16)
+    }
+
     /// The thesis's quantisation: linear 8-bit colour, 16-bit depth relative to the parent, no shape operators.
     pub fn thesis() -> FrameFormat {
         let (color, child_depth) = (ColorFormat::Linear8, DepthCoding::Relative);
-        FrameFormat { color, child_depth, shape_bits: 0, ..FrameFormat::default() }
+        FrameFormat { color, child_depth, shape_bits: 0, ..FrameFormat::exact() }
+    }
+
+    /// The same with depths of so many bits.
+    pub fn with_depth_bits(self, root_bits: u8, child_bits: u8) -> FrameFormat {
+        FrameFormat { depth: DepthFormat::Codes { root_bits, child_bits }, ..self }
     }
 
     /// Whether every width is in its range.
     pub fn is_valid(&self) -> bool {
-        Self::DEPTH_BITS.contains(&self.root_depth_bits)
-            && Self::DEPTH_BITS.contains(&self.child_depth_bits)
+        let depth_is_valid = match &self.depth {
+            DepthFormat::Codes { root_bits, child_bits } => {
+                Self::DEPTH_BITS.contains(root_bits) && Self::DEPTH_BITS.contains(child_bits)
+            }
+            DepthFormat::Bounded(bound) => bound.is_valid(),
+        };
+        depth_is_valid
+            && self.color_coding.is_valid(self.color)
             && Self::NORMAL_BITS.contains(&self.normal_bits)
             && (self.shape_bits == 0 || Self::SHAPE_BITS.contains(&self.shape_bits))
             && self.volume.is_valid()
@@ -208,8 +339,9 @@ impl Default for FrameFormat {
     fn default() -> FrameFormat {
         FrameFormat {
             color: ColorFormat::Root8,
-            root_depth_bits: 16,
-            child_depth_bits: 16,
+            // A code is a just noticeable step: half of the bytes, and nobody sees it.
+            color_coding: ColorCoding::Bounded { error: 1 },
+            depth: DepthFormat::Bounded(DepthBound::default()),
             child_depth: DepthCoding::Unfolded,
             normal_bits: 12,
             shape_bits: 8,

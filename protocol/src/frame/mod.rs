@@ -13,7 +13,7 @@ mod thesis;
 mod tree;
 
 pub use flatten::flatten;
-pub use format::{ColorFormat, DepthCoding, FrameFormat, Layering, VolumeFormat};
+pub use format::{ColorCoding, ColorFormat, DepthBound, DepthCoding, DepthFormat, FrameFormat, Layering, VolumeFormat};
 pub use layers::{LayerPlanes, LayerRows, MAX_LAYERS, VolumeRange, VolumeSegment};
 pub use plan::{Arrival, MAX_NODES, Node, Plan, PlanError};
 pub use thesis::{ThesisError, decode_thesis, encode_thesis, thesis_bits};

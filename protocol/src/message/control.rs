@@ -3,7 +3,7 @@
 
 use crate::camera::Projection;
 use crate::codec::{DecodeError, FrameShape, Limits};
-use crate::frame::{FrameFormat, FrameId};
+use crate::frame::{ColorCoding, FrameFormat, FrameId};
 use crate::{Camera, Pose, Timestamp};
 use bincode::config::{Configuration, Fixint, Limit, LittleEndian};
 use serde::de::DeserializeOwned;
@@ -45,8 +45,10 @@ impl Capabilities {
     pub const RAY_TREE: Capabilities = Capabilities(1);
     /// Converged pictures on request.
     pub const STILLS: Capabilities = Capabilities(1 << 1);
+    /// Radiance as pictures of a video.
+    pub const VIDEO: Capabilities = Capabilities(1 << 2);
     /// Everything this version can do; all other bits are reserved.
-    pub const ALL: Capabilities = Capabilities(0b11);
+    pub const ALL: Capabilities = Capabilities(0b111);
 
     /// Whether all of `other` is in the set.
     pub fn contains(self, other: Capabilities) -> bool {
@@ -84,6 +86,8 @@ pub struct Hello {
     pub frame_hz: f32,
     /// Formats of the planes.
     pub format: FrameFormat,
+    /// Bytes per second that live frames may take, in thousands of bits; 0: as many as they need.
+    pub target_kbps: u32,
 }
 
 impl Hello {
@@ -101,8 +105,12 @@ impl Hello {
         if !self.format.is_valid() {
             return Err(DecodeError::Malformed {
                 field: "format",
-                expected: "depth of 8 to 24 bits and normals of 6 to 16; 0 to 8 layers with depths of 8 to 16 bits",
+                expected: "depth of 8 to 24 bits and normals of 6 to 16; 0 to 8 layers with depths of 4 to 16 bits",
             });
+        }
+        let is_video = matches!(self.format.color_coding, ColorCoding::Video { .. });
+        if is_video && !self.capabilities.contains(Capabilities::VIDEO) {
+            return Err(DecodeError::Malformed { field: "capabilities", expected: "VIDEO, where colour is a video" });
         }
         Ok(())
     }

@@ -2,6 +2,7 @@
 
 use crate::codec::DecodeError;
 use crate::frame::FrameId;
+use crate::video::PictureHead;
 use crate::{Pose, Timestamp};
 
 /// Where the head was at an instant of the client's clock.
@@ -19,6 +20,15 @@ pub struct StripMessage {
     /// The frame.
     pub frame: FrameId,
     /// What [`crate::codec::StripDecoder`] reads.
+    pub bytes: Vec<u8>,
+}
+
+/// A picture of a plane of a frame.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PictureMessage {
+    /// Whose it is, and where in it the frame lies.
+    pub head: PictureHead,
+    /// What [`crate::video::PictureDecoder`] reads.
     pub bytes: Vec<u8>,
 }
 
@@ -64,4 +74,14 @@ pub(super) fn write_strip(strip: &StripMessage, out: &mut Vec<u8>) {
 pub(super) fn read_strip(payload: &[u8]) -> Result<StripMessage, DecodeError> {
     let (frame, bytes) = payload.split_first_chunk::<4>().ok_or(DecodeError::Truncated { field: "strip" })?;
     Ok(StripMessage { frame: FrameId(u32::from_le_bytes(*frame)), bytes: bytes.to_vec() })
+}
+
+pub(super) fn write_picture(picture: &PictureMessage, out: &mut Vec<u8>) {
+    out.extend_from_slice(&picture.head.to_bytes());
+    out.extend_from_slice(&picture.bytes);
+}
+
+pub(super) fn read_picture(payload: &[u8]) -> Result<PictureMessage, DecodeError> {
+    let (head, bytes) = payload.split_first_chunk().ok_or(DecodeError::Truncated { field: "head of picture" })?;
+    Ok(PictureMessage { head: PictureHead::from_bytes(head)?, bytes: bytes.to_vec() })
 }

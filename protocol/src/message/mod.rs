@@ -11,13 +11,13 @@ pub use control::{
     Capabilities, ErrorCode, FrameAck, FrameBegin, FrameEnd, FramePurpose, Hello, Statistics, StillRequest, Viewport,
     Welcome,
 };
-pub use frame_path::{MAX_POSE_SAMPLES, PoseSample, StripMessage};
+pub use frame_path::{MAX_POSE_SAMPLES, PictureMessage, PoseSample, StripMessage};
 
 use crate::Timestamp;
 use crate::codec::{DecodeError, Limits};
 
 /// Version of the wire format; it changes with every change of bytes.
-pub const VERSION: u16 = 4;
+pub const VERSION: u16 = 5;
 
 /// First bytes of every session.
 pub const MAGIC: [u8; 4] = *b"WARP";
@@ -59,6 +59,8 @@ pub enum Message {
     },
     /// Either: the session ends as it should. The last message.
     Bye,
+    /// Server: radiance of a node, or source of a layer, of a frame whose strips have been sent.
+    Picture(PictureMessage),
 }
 
 /// Kinds of messages, by wire code.
@@ -91,11 +93,13 @@ pub enum MessageKind {
     Error = 12,
     /// [`Message::Bye`]
     Bye = 13,
+    /// [`Message::Picture`]
+    Picture = 14,
 }
 
 impl MessageKind {
     /// Every kind there is.
-    pub const ALL: [MessageKind; 13] = [
+    pub const ALL: [MessageKind; 14] = [
         MessageKind::Hello,
         MessageKind::Welcome,
         MessageKind::Poses,
@@ -109,6 +113,7 @@ impl MessageKind {
         MessageKind::Pong,
         MessageKind::Error,
         MessageKind::Bye,
+        MessageKind::Picture,
     ];
 
     /// The kind of a wire code.
@@ -119,7 +124,11 @@ impl MessageKind {
 
     /// Longest payload that is accepted.
     pub fn max_bytes(self, limits: &Limits) -> usize {
-        if self == MessageKind::Strip { limits.strip_bytes } else { limits.control_bytes }
+        if matches!(self, MessageKind::Strip | MessageKind::Picture) {
+            limits.strip_bytes
+        } else {
+            limits.control_bytes
+        }
     }
 }
 
@@ -140,6 +149,7 @@ impl Message {
             Message::Pong(_) => MessageKind::Pong,
             Message::Error { .. } => MessageKind::Error,
             Message::Bye => MessageKind::Bye,
+            Message::Picture(_) => MessageKind::Picture,
         }
     }
 
@@ -166,6 +176,7 @@ impl Message {
                 out.extend_from_slice(&text.as_bytes()[..error_text_bytes(text)]);
             }
             Message::Bye => {}
+            Message::Picture(picture) => frame_path::write_picture(picture, out),
         }
     }
 
@@ -196,6 +207,7 @@ impl Message {
             MessageKind::Ping => Message::Ping(read_time(payload)?),
             MessageKind::Pong => Message::Pong(read_time(payload)?),
             MessageKind::Error => read_error(payload)?,
+            MessageKind::Picture => Message::Picture(frame_path::read_picture(payload)?),
             MessageKind::Bye if payload.is_empty() => Message::Bye,
             MessageKind::Bye => return Err(DecodeError::Malformed { field: "bye", expected: "no payload" }),
         })

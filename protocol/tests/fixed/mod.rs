@@ -3,15 +3,16 @@
 #![allow(dead_code, reason = "no test file uses all of it")]
 
 use glam::{DQuat, DVec3, Vec3};
-use warplight_protocol::codec::{FrameShape, StripEncoder};
+use warplight_protocol::codec::{FrameShape, PlaneKind, StripEncoder};
 use warplight_protocol::frame::{
     DepthCoding, FrameFormat, FrameId, Interfaces, Plan, Tree, UNDEFINED, VolumeFormat, VolumeRange, VolumeSegment,
 };
 use warplight_protocol::message::{
-    Capabilities, ErrorCode, FrameAck, FrameBegin, FrameEnd, FramePurpose, Hello, Message, PoseSample, Statistics,
-    StillRequest, StripMessage, Viewport, Welcome,
+    Capabilities, ErrorCode, FrameAck, FrameBegin, FrameEnd, FramePurpose, Hello, Message, PictureMessage, PoseSample,
+    Statistics, StillRequest, StripMessage, Viewport, Welcome,
 };
 use warplight_protocol::optics::Interface;
+use warplight_protocol::video::{Canvas, PictureHead, Placement};
 use warplight_protocol::wire::write_message;
 use warplight_protocol::{Camera, FieldOfView, ImageSize, Pose, Timestamp};
 
@@ -38,7 +39,7 @@ pub(crate) fn shape() -> FrameShape {
             Interface::Dielectric { eta: 1.5 },
             Interface::Pane { eta: 1.5 },
         ]),
-        format: FrameFormat { volume: VolumeFormat { layers: 1, ..VolumeFormat::NONE }, ..FrameFormat::default() },
+        format: FrameFormat { volume: VolumeFormat { layers: 1, ..VolumeFormat::NONE }, ..FrameFormat::exact() },
         volume: VolumeRange { near_m: 0.5, far_m: 2.0 },
         strip_rows: 2,
         exposure: 0.5,
@@ -96,7 +97,8 @@ pub(crate) fn messages() -> Vec<Message> {
             camera,
             viewport: Viewport::Plane,
             frame_hz: 30.0,
-            format: FrameFormat { child_depth: DepthCoding::Relative, ..FrameFormat::default() },
+            target_kbps: 0,
+            format: FrameFormat { child_depth: DepthCoding::Relative, ..FrameFormat::exact() },
         }),
         Message::Welcome(Welcome {
             capabilities: Capabilities::RAY_TREE,
@@ -146,6 +148,17 @@ pub(crate) fn messages() -> Vec<Message> {
         Message::Pong(at(0x0102_0304)),
         Message::Error { code: ErrorCode::Limit, text: "too much".to_owned() },
         Message::Bye,
+        Message::Picture(PictureMessage {
+            head: PictureHead {
+                frame: FrameId(7),
+                node: 1,
+                kind: PlaneKind::Radiance,
+                reference: Some(FrameId(6)),
+                placement: Placement { canvas: Canvas { width: 128, height: 64 }, x: 16, y: 32 },
+                white: 2.0,
+            },
+            bytes: vec![0x61, 0xe0, 0x20],
+        }),
     ]
 }
 

@@ -11,19 +11,24 @@
 mod cost;
 mod guard;
 mod outbox;
+mod rate;
 
 use crate::march::MediaBounds;
+use crate::pictures::{EncodeJob, RenderedPictures};
 use crate::predict::{Predictor, damped};
 use cost::{BudgetFit, FrameCost};
 use guard::Guard;
 use outbox::Outbox;
+use rate::RateControl;
 use std::collections::VecDeque;
 use std::time::Duration;
 use warplight_protocol::codec::{DecodeError, FrameShape, Limits};
-use warplight_protocol::frame::{ColorFormat, FrameFormat, FrameId, Interfaces, Plan, VolumeFormat, VolumeRange};
+use warplight_protocol::frame::{
+    ColorCoding, ColorFormat, FrameFormat, FrameId, Interfaces, Plan, VolumeFormat, VolumeRange,
+};
 use warplight_protocol::message::{
-    Capabilities, ErrorCode, FrameBegin, FrameEnd, FramePurpose, Hello, Message, Statistics, StillRequest, Viewport,
-    Welcome,
+    Capabilities, ErrorCode, FrameBegin, FrameEnd, FramePurpose, Hello, Message, PictureMessage, Statistics,
+    StillRequest, Viewport, Welcome,
 };
 use warplight_protocol::wire::Deframer;
 use warplight_protocol::{Camera, ImageSize, Pose, Timestamp};
@@ -133,6 +138,8 @@ pub struct ServerSession {
     last_heard: Timestamp,
     latency_secs: f64,
     guard: Guard,
+    rate: RateControl,
+    sent: SentBytes,
     /// What a live frame shows where that is everything.
     cube: Camera,
     /// When the last live frame was begun.
@@ -140,6 +147,14 @@ pub struct ServerSession {
     cost: FrameCost,
     fit: BudgetFit,
     statistics: Statistics,
+}
+
+/// Of the frame that is being sent.
+#[derive(Clone, Copy, Debug, Default)]
+struct SentBytes {
+    is_live: bool,
+    strips: u64,
+    pictures: u64,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -157,6 +172,8 @@ impl ServerSession {
         ServerSession {
             deframer: Deframer::new(config.limits),
             guard: Guard::new(config.guard_rad),
+            rate: RateControl::new(0, FrameFormat::default()),
+            sent: SentBytes::default(),
             cube: Camera::symmetric(1.0, ImageSize::new(1, 1)),
             last_begun: None,
             config,
@@ -234,6 +251,7 @@ impl ServerSession {
             Message::Welcome(_)
             | Message::FrameBegin(_)
             | Message::Strip(_)
+            | Message::Picture(_)
             | Message::FrameEnd(_)
             | Message::Statistics(_) => {
                 return expected("only what a client says");
@@ -262,13 +280,19 @@ impl ServerSession {
             exposure: self.config.exposure,
         }));
         self.next_frame_due = now;
+        self.rate = RateControl::new(hello.target_kbps, hello.format);
         self.hello = Some(hello);
         Ok(())
     }
 
     fn shape_for(&self, hello: &Hello, purpose: FramePurpose, camera: Camera, pose: &Pose) -> FrameShape {
         let no_layers = VolumeFormat { layers: 0, ..hello.format.volume };
-        let still_format = FrameFormat { color: ColorFormat::Half, volume: no_layers, ..hello.format };
+        let still_format = FrameFormat {
+            color: ColorFormat::Half,
+            color_coding: ColorCoding::Exact,
+            volume: no_layers,
+            ..hello.format
+        };
         let live_format =
             if self.config.media.is_empty() { FrameFormat { volume: no_layers, ..hello.format } } else { hello.format };
         let (plan, interfaces, format) = match purpose {
@@ -330,6 +354,7 @@ impl ServerSession {
         let hello = self.hello.clone()?;
         let mut camera = hello.camera;
         let mut still_shape = None;
+        let mut coding = None;
         let (purpose, pose, horizon, scene_time, samples_per_1024_px) = if self.live_frame_is_due(now) {
             let horizon = Duration::from_secs_f64(self.latency_secs).min(MAX_HORIZON);
             self.rendered_pose = self.predictor.latest_time();
@@ -342,6 +367,7 @@ impl ServerSession {
             let scene_time = self.rendered_pose? + latency;
             let beat = self.last_begun.replace(now).map_or(interval, |last| now.since(last)).max(interval);
             camera = self.live_camera(&hello, beat, horizon);
+            coding = Some(self.rate.begin(now, interval));
             let mut pose = self.predictor.predict(horizon)?;
             if hello.viewport == Viewport::Cube {
                 // Faces along the axes of the world: a head that only turns gets the same rays again.
@@ -364,7 +390,10 @@ impl ServerSession {
         let pose_received = if is_live { self.pose_received } else { now };
         let spp = samples_per_1024_px.div_ceil(1024);
         let end = FrameEnd { id, pose_received, render_start: now, render_end: now, encoded: now, sent: now, spp };
-        let shape = still_shape.unwrap_or_else(|| self.shape_for(&hello, purpose, camera, &render_pose));
+        let mut shape = still_shape.unwrap_or_else(|| self.shape_for(&hello, purpose, camera, &render_pose));
+        if let Some((color_coding, depth)) = coding {
+            (shape.format.color_coding, shape.format.depth) = (color_coding, depth);
+        }
         let pixels = shape.camera.size.pixels();
         self.rendering = Some(Rendering { id, is_live, samples_per_1024_px, pixels, end });
         let begin = FrameBegin {
@@ -409,6 +438,28 @@ impl ServerSession {
         }
     }
 
+    /// The pictures of the frame that is being rendered, not yet encoded, where its format has some; before
+    /// [`ServerSession::on_render_end`].
+    pub fn on_pictures(&mut self, frame: FrameId, pictures: RenderedPictures) {
+        self.outbox.push_rendered(frame, pictures);
+    }
+
+    /// Pictures to encode, of a frame that has begun to be sent and so will not be replaced; to be asked after
+    /// [`ServerSession::poll_transmit`].
+    pub fn poll_encode(&mut self) -> Option<EncodeJob> {
+        if self.end.is_some() {
+            return None;
+        }
+        let (begin, pictures) = self.outbox.take_rendered()?;
+        let ColorCoding::Video { quantiser } = begin.shape.format.color_coding else { return None };
+        Some(EncodeJob { frame: begin.id, quantiser, pictures })
+    }
+
+    /// The pictures of [`ServerSession::poll_encode`] are encoded.
+    pub fn on_encoded(&mut self, now: Timestamp, frame: FrameId, pictures: Vec<PictureMessage>) {
+        self.outbox.push_encoded(now, frame, pictures);
+    }
+
     /// The frame is rendered and its last strip handed over. `counters` are totals of the session.
     pub fn on_render_end(
         &mut self,
@@ -450,9 +501,20 @@ impl ServerSession {
         let Some(message) = self.outbox.next_message(now, self.end.is_some()) else {
             return false;
         };
-        if let Message::FrameEnd(_) = &message {
-            self.statistics.frames_sent = self.outbox.live_frames_sent();
-            self.outbox.push_control(Message::Statistics(self.statistics.clone()));
+        match &message {
+            Message::FrameBegin(begin) => {
+                self.sent = SentBytes { is_live: begin.purpose == FramePurpose::Live, ..SentBytes::default() };
+            }
+            Message::Strip(strip) => self.sent.strips += strip.bytes.len() as u64,
+            Message::Picture(picture) => self.sent.pictures += picture.bytes.len() as u64,
+            Message::FrameEnd(_) => {
+                if let SentBytes { is_live: true, strips, pictures } = self.sent {
+                    self.rate.took(strips, pictures);
+                }
+                self.statistics.frames_sent = self.outbox.live_frames_sent();
+                self.outbox.push_control(Message::Statistics(self.statistics.clone()));
+            }
+            _ => {}
         }
         warplight_protocol::wire::write_message(&message, out);
         true

@@ -1,12 +1,13 @@
 //! What waits to be sent: control messages, then the frame being sent, then the one behind it.
 //!
 //! There is no queue of frames. One is being sent; one may stand behind it, and the next replaces it as long
-//! as nothing of it has left.
+//! as nothing of it has left. Pictures are encoded when their frame is being sent: what has been encoded is sent.
 
+use crate::pictures::RenderedPictures;
 use std::collections::VecDeque;
 use warplight_protocol::Timestamp;
 use warplight_protocol::frame::FrameId;
-use warplight_protocol::message::{FrameBegin, FrameEnd, FramePurpose, Message, StripMessage};
+use warplight_protocol::message::{FrameBegin, FrameEnd, FramePurpose, Message, PictureMessage, StripMessage};
 
 /// Live frames that may be under way without an acknowledgement.
 pub const MAX_UNACKNOWLEDGED: usize = 2;
@@ -26,12 +27,31 @@ pub(super) struct Outbox {
 struct Outgoing {
     begin: FrameBegin,
     strips: VecDeque<Vec<u8>>,
+    pictures: Pictures,
     end: Option<FrameEnd>,
+}
+
+/// Pictures of a frame. They are encoded when the frame is being sent and not before: a frame that another replaces
+/// must not have been anybody's reference.
+#[derive(Debug)]
+enum Pictures {
+    /// The frame's format has some, and it is not rendered yet.
+    Expected,
+    Rendered(RenderedPictures),
+    Encoding,
+    /// Those that have not been sent.
+    Encoded(VecDeque<PictureMessage>),
 }
 
 impl Outgoing {
     fn is_live(&self) -> bool {
         self.begin.purpose == FramePurpose::Live
+    }
+
+    /// The end, if everything before it has been handed out.
+    fn end(&self) -> Option<FrameEnd> {
+        let has_pictures = matches!(&self.pictures, Pictures::Encoded(pictures) if pictures.is_empty());
+        self.end.filter(|_| self.strips.is_empty() && has_pictures)
     }
 }
 
@@ -42,7 +62,9 @@ impl Outbox {
 
     /// A frame whose strips will follow.
     pub(super) fn prepare(&mut self, begin: FrameBegin) {
-        self.prepared = Some(Outgoing { begin, strips: VecDeque::new(), end: None });
+        let has_pictures = !begin.shape.pictures().is_empty();
+        let pictures = if has_pictures { Pictures::Expected } else { Pictures::Encoded(VecDeque::new()) };
+        self.prepared = Some(Outgoing { begin, strips: VecDeque::new(), pictures, end: None });
     }
 
     /// Takes a strip in; true where its frame thereby replaced one that was never sent.
@@ -60,6 +82,33 @@ impl Outbox {
     pub(super) fn finish(&mut self, end: FrameEnd) {
         if let Some(outgoing) = self.of(end.id) {
             outgoing.end = Some(end);
+        }
+    }
+
+    /// Keeps the pictures of a rendered frame until it is sent or replaced.
+    pub(super) fn push_rendered(&mut self, frame: FrameId, pictures: RenderedPictures) {
+        if let Some(outgoing) = self.of(frame).filter(|outgoing| matches!(outgoing.pictures, Pictures::Expected)) {
+            outgoing.pictures = Pictures::Rendered(pictures);
+        }
+    }
+
+    /// The pictures of the frame that is being sent, once.
+    pub(super) fn take_rendered(&mut self) -> Option<(&FrameBegin, RenderedPictures)> {
+        let sending = self.sending.as_mut()?;
+        match std::mem::replace(&mut sending.pictures, Pictures::Encoding) {
+            Pictures::Rendered(pictures) => Some((&sending.begin, pictures)),
+            other => {
+                sending.pictures = other;
+                None
+            }
+        }
+    }
+
+    /// The pictures of the frame that is being sent are ready to follow its strips.
+    pub(super) fn push_encoded(&mut self, now: Timestamp, frame: FrameId, pictures: Vec<PictureMessage>) {
+        if let Some(outgoing) = self.of(frame).filter(|outgoing| matches!(outgoing.pictures, Pictures::Encoding)) {
+            outgoing.pictures = Pictures::Encoded(pictures.into());
+            outgoing.end = outgoing.end.map(|end| FrameEnd { encoded: now, ..end });
         }
     }
 
@@ -102,7 +151,13 @@ impl Outbox {
             if let Some(bytes) = sending.strips.pop_front() {
                 return Some(Message::Strip(StripMessage { frame: id, bytes }));
             }
-            let end = sending.end?;
+            if let Pictures::Encoded(pictures) = &mut sending.pictures
+                && sending.end.is_some()
+                && let Some(picture) = pictures.pop_front()
+            {
+                return Some(Message::Picture(picture));
+            }
+            let end = sending.end()?;
             self.live_frames_sent += u32::from(sending.is_live());
             self.sending = None;
             return Some(Message::FrameEnd(FrameEnd { sent: now, ..end }));

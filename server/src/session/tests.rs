@@ -28,6 +28,7 @@ fn hello() -> Hello {
         viewport: Viewport::Plane,
         frame_hz: 10.0,
         format: FrameFormat::default(),
+        target_kbps: 0,
     }
 }
 
@@ -327,4 +328,96 @@ fn a_cube_beyond_the_limits_is_coarser_and_one_that_cannot_be_is_refused() {
     let (coarser, end) = opened(6 * 64 * 64);
     assert_eq!((coarser.size, end), (ImageSize::new(64, 384), None));
     assert!(matches!(opened(6 * 31 * 31).1, Some(SessionEnd::Decode(DecodeError::LimitExceeded { .. }))));
+}
+
+fn video_hello() -> Hello {
+    let color_coding = ColorCoding::Video { quantiser: 30 };
+    Hello { format: FrameFormat { color_coding, ..FrameFormat::default() }, ..hello() }
+}
+
+fn open_video() -> ServerSession {
+    let mut session = ServerSession::new(config(), at(0));
+    say(&mut session, at(0), Message::Hello(video_hello()));
+    assert!(matches!(heard(&mut session, at(0))[..], [Message::Welcome(_)]));
+    session
+}
+
+fn render_pictures(session: &mut ServerSession, now: Timestamp) -> FrameId {
+    pose(session, now);
+    let job = session.poll_render(now).unwrap();
+    session.on_strip(now, job.begin.id, vec![7; 5]);
+    session.on_pictures(job.begin.id, RenderedPictures::default());
+    session.on_render_end(now, job.begin.id, now, vec![]);
+    job.begin.id
+}
+
+fn picture(frame: FrameId) -> PictureMessage {
+    use warplight_protocol::codec::PlaneKind;
+    use warplight_protocol::video::{Canvas, PictureHead, Placement};
+    let placement = Placement { canvas: Canvas { width: 16, height: 16 }, x: 0, y: 0 };
+    let head = PictureHead { frame, node: 0, kind: PlaneKind::Radiance, reference: None, placement, white: 1.0 };
+    PictureMessage { head, bytes: vec![1, 2, 3] }
+}
+
+#[test]
+fn pictures_are_encoded_when_their_frame_is_being_sent_and_stand_before_its_end() {
+    let mut session = open_video();
+    let frame = render_pictures(&mut session, at(1));
+    assert!(session.poll_encode().is_none(), "nothing of it has left");
+    let messages = heard(&mut session, at(2));
+    assert!(matches!(&messages[..], [Message::FrameBegin(_), Message::Strip(_)]), "{messages:?}");
+    let job = session.poll_encode().unwrap();
+    assert_eq!((job.frame, job.quantiser), (frame, 30));
+    assert!(session.poll_encode().is_none(), "once");
+    assert!(heard(&mut session, at(3)).is_empty(), "no end without its pictures");
+    session.on_encoded(at(4), frame, vec![picture(frame)]);
+    let messages = heard(&mut session, at(5));
+    let [Message::Picture(sent), Message::FrameEnd(end), Message::Statistics(_)] = &messages[..] else {
+        panic!("{messages:?}")
+    };
+    assert_eq!(sent, &picture(frame));
+    assert_eq!((end.encoded, end.sent), (at(4), at(5)));
+}
+
+/// What is encoded is sent: otherwise the next picture would be predicted from one that nobody has.
+#[test]
+fn over_a_slow_link_a_frame_that_is_replaced_was_never_encoded() {
+    let mut session = open_video();
+    let (mut encoded, mut ended) = (Vec::new(), Vec::new());
+    let mut bytes = Vec::new();
+    let mut deframer = Deframer::new(Limits::default());
+    for step in 0..60 {
+        let now = at(50 * step + 1);
+        if step % 2 == 0 {
+            render_pictures(&mut session, now);
+        }
+        // A message every 50 ms: a frame of four and its statistics take as long as two and a half to render.
+        bytes.clear();
+        session.poll_transmit(now, &mut bytes);
+        deframer.push(&bytes);
+        if let Some(job) = session.poll_encode() {
+            encoded.push(job.frame);
+            session.on_encoded(now, job.frame, vec![picture(job.frame)]);
+        }
+        if let Some(Message::FrameEnd(end)) = deframer.next_message().unwrap() {
+            ended.push(end.id);
+            say(&mut session, now, Message::FrameAck(FrameAck { id: end.id, pose_to_ready_micros: 50_000 }));
+        }
+    }
+    assert!(session.statistics.frames_replaced > 10, "{:?}", session.statistics);
+    assert!(ended.len() > 8, "{ended:?}");
+    assert!(encoded.len() - ended.len() <= 1, "the last may be under way: {encoded:?}, {ended:?}");
+    assert_eq!(encoded[..ended.len()], ended);
+    assert!(encoded.windows(2).all(|pair| pair[0] < pair[1]));
+}
+
+#[test]
+fn stills_have_no_pictures() {
+    let mut session = open_video();
+    let (camera, pose) = (hello().camera, Pose::IDENTITY);
+    let request = StillRequest { number: 1, pose, scene_time: at(0), spp: 1, camera, with_nodes: true };
+    say(&mut session, at(1), Message::StillRequest(request));
+    let job = session.poll_render(at(1)).unwrap();
+    assert!(job.begin.shape.pictures().is_empty());
+    assert_eq!(job.begin.shape.check(&Limits::default()), Ok(()));
 }

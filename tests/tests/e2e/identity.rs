@@ -42,8 +42,9 @@ fn sent(camera: Camera, viewport: Viewport) -> Sent {
     let mut session = ServerSession::new(service.session.clone(), Timestamp::ZERO);
     let mut bytes = Vec::new();
     let software = "test".to_owned();
-    let format = FrameFormat::default();
-    let hello = Hello { capabilities: Capabilities::ALL, software, camera, viewport, frame_hz: 10.0, format };
+    let format = FrameFormat::exact();
+    let hello =
+        Hello { capabilities: Capabilities::ALL, software, camera, viewport, frame_hz: 10.0, format, target_kbps: 0 };
     write_message(&Message::Hello(hello), &mut bytes);
     write_message(&Message::Poses(vec![PoseSample { time: Timestamp { micros: 1 }, pose: head }]), &mut bytes);
     session.on_bytes(Timestamp::ZERO, &bytes);

@@ -8,7 +8,7 @@ use warplight_client::replay::{Circumstances, ModelledTimes, ReplayPlan, assess,
 use warplight_client::report::{ClockKind, Report};
 use warplight_client::trace::Trace;
 use warplight_client::warp::{Mode, Normals, Solver};
-use warplight_protocol::frame::{FrameFormat, VolumeFormat};
+use warplight_protocol::frame::{ColorCoding, FrameFormat, VolumeFormat};
 use warplight_protocol::message::Viewport;
 use warplight_protocol::{Camera, ImageSize};
 use warplight_server::scene::Scene;
@@ -30,17 +30,22 @@ fn plan(trace: Trace, seconds: f64, size: ImageSize) -> ReplayPlan {
         normals: Normals::default(),
         earlier_frames: 0,
         format: FrameFormat::default(),
+        target_kbps: 0,
         quality_every: 40,
         quality_spp: 16,
     }
 }
 
 fn replay(plan: &ReplayPlan, scene: &str, spp: u32, seed: u64) -> Report {
+    let link =
+        LinkModel { latency: Duration::from_millis(20), jitter: Duration::from_millis(5), ..LinkModel::default() };
+    replay_over(plan, scene, spp, seed, link)
+}
+
+fn replay_over(plan: &ReplayPlan, scene: &str, spp: u32, seed: u64, link: LinkModel) -> Report {
     let (samples, estimator) = (SampleBudget::Samples(spp), Estimator::default());
     let options = ServiceOptions { samples, estimator, max_depth: 4, seed, ..ServiceOptions::default() };
     let service = Service::new(Scene::load(scene).unwrap(), options).unwrap();
-    let link =
-        LinkModel { latency: Duration::from_millis(20), jitter: Duration::from_millis(5), ..LinkModel::default() };
     let recording = run_virtual(plan, service, link, ModelledTimes::default(), seed, &mut |_| ()).unwrap();
     let quality = assess(&recording, plan, &mut |_| ()).unwrap();
     let circumstances =
@@ -136,4 +141,32 @@ fn recorded_head_traces_replay() {
         }
     }
     assert!(replayed > 0);
+}
+
+#[test]
+fn a_video_is_close_to_the_exact_frames_in_a_fraction_of_their_bytes() {
+    let exact = plan(Trace::built_in(), 2.0, ImageSize::new(128, 96));
+    let mut video = exact.clone();
+    video.format.color_coding = ColorCoding::Video { quantiser: 24 };
+    let (exact, lossy) = (replay(&exact, "gallery", 2, 7), replay(&video, "gallery", 2, 7));
+    assert_eq!(lossy.to_json().unwrap(), replay(&video, "gallery", 2, 7).to_json().unwrap(), "to the byte");
+    let radiance = |report: &Report| report.link.planes["root.radiance"];
+    assert!(radiance(&lossy) * 3 < radiance(&exact), "{} of {}", radiance(&lossy), radiance(&exact));
+    for (exact, lossy) in exact.quality.iter().zip(&lossy.quality) {
+        let [exact_db, lossy_db] = [exact, lossy].map(|quality| quality.psnr_db.as_ref().unwrap().p50);
+        // Codes are off by 35 to 40 dB, on top of what a mode and its holes leave: 20 to 35 dB.
+        assert!(lossy_db > exact_db - 2.0, "{}: {lossy_db} for {exact_db} dB", exact.mode);
+    }
+}
+
+#[test]
+fn over_a_link_that_is_too_slow_a_video_goes_on() {
+    let mut plan = plan(Trace::built_in(), 3.0, ImageSize::new(128, 96));
+    plan.format.color_coding = ColorCoding::Video { quantiser: 24 };
+    let latency = Duration::from_millis(20);
+    let link = LinkModel { latency, rate_bits_per_sec: Some(4e5), ..LinkModel::default() };
+    // A client that lacked a reference would end the session, and with it the replay.
+    let report = replay_over(&plan, "gallery", 1, 7, link);
+    assert!(report.link.frames_replaced > 2, "{:?}", report.link);
+    assert!(report.link.frames_shown > 5, "{:?}", report.link);
 }

@@ -4,13 +4,15 @@
 //! media. The error is the DSSIM before black; that before white and before the environment, and the PSNR, stand beside it.
 //! Time is that of a whole display frame, settings taking turns.
 
+mod elsewhere;
 mod settings;
 mod study;
 
 use super::surface::median_and_spread;
 use super::{Point, Progress, Request, SweepError};
-use crate::analytic::ReceivedFrame;
+use crate::loopback::ReceivedFrame;
 use crate::march::Marcher;
+pub(super) use elsewhere::measure as measure_elsewhere;
 pub(super) use settings::{Setting, angles, compressions, densities, layers};
 use std::collections::BTreeMap;
 use study::{Background, PictureError, Study};
@@ -53,7 +55,8 @@ pub(super) fn measure(
             if seen.as_ref().is_none_or(|(degrees, _)| *degrees != setting.degrees) {
                 seen = Some((setting.degrees, study.seen(&display_pose)));
             }
-            let received = study.received(study.tree(setting.format, setting.exactly), setting.format)?;
+            let received =
+                study.received(study.tree(setting.format, setting.exactly), setting.format, setting.color)?;
             marcher.set_stride(setting.stride_px);
             marcher.prepare(&received.tree);
             marcher.march(setting.method, &received.tree, &display_pose, &study.camera, None, &mut picture);

@@ -2,7 +2,7 @@
 
 use super::super::Request;
 use crate::march::{Method, STRIDE_PX};
-use warplight_protocol::frame::{ColorFormat, Layering, VolumeFormat};
+use warplight_protocol::frame::{ColorCoding, ColorFormat, Layering, VolumeFormat};
 
 /// The default way around.
 const DEGREES: f64 = 10.0;
@@ -12,6 +12,8 @@ const DEGREES: f64 = 10.0;
 pub(in crate::sweep) struct Setting {
     pub(in crate::sweep) value: String,
     pub(in crate::sweep) format: VolumeFormat,
+    /// How sources travel.
+    pub(in crate::sweep) color: ColorCoding,
     /// By the plain program with many candidates, where the layering is optimal.
     pub(in crate::sweep) exactly: bool,
     pub(in crate::sweep) method: Method,
@@ -26,12 +28,18 @@ impl Setting {
         Setting {
             value: value.to_string(),
             format: VolumeFormat::default(),
+            color: ColorCoding::Exact,
             exactly: false,
             method: Method::Layers,
             stride_px: STRIDE_PX,
             degrees: DEGREES,
             density: 1.0,
         }
+    }
+
+    /// Where no knob is turned.
+    pub(super) fn of_default() -> Setting {
+        Setting::new("default")
     }
 
     fn layered(layering: Layering, layers: u8) -> Setting {
@@ -92,19 +100,30 @@ pub(in crate::sweep) fn densities(request: &Request<'_>) -> Vec<Setting> {
     densities.iter().flat_map(at).collect()
 }
 
-/// The planes of layers in ever fewer bits, for two, four and eight of them.
+/// The planes of layers in ever fewer bits, sources as they are, within bounds and as video, for two, four and eight layers.
 pub(in crate::sweep) fn compressions(request: &Request<'_>) -> Vec<Setting> {
     let counts: &[u8] = if request.quick { &[4] } else { &[2, 4, 8] };
-    let codings: &[(ColorFormat, u8, u8)] = &[
-        (ColorFormat::Half, 16, 16),
-        (ColorFormat::Root10, 14, 10),
-        (ColorFormat::Root10, 12, 8),
-        (ColorFormat::Root8, 12, 10),
-        (ColorFormat::Root8, 12, 8),
-        (ColorFormat::Linear8, 12, 8),
-        (ColorFormat::Root8, 10, 8),
-        (ColorFormat::Root8, 10, 7),
-        (ColorFormat::Root8, 8, 6),
+    let (exact, within, video) =
+        (ColorCoding::Exact, |error| ColorCoding::Bounded { error }, |quantiser| ColorCoding::Video { quantiser });
+    let codings: &[(ColorFormat, ColorCoding, u8, u8)] = &[
+        (ColorFormat::Half, exact, 16, 16),
+        (ColorFormat::Root10, exact, 14, 10),
+        (ColorFormat::Root8, exact, 12, 10),
+        (ColorFormat::Root8, exact, 12, 8),
+        (ColorFormat::Linear8, exact, 12, 8),
+        (ColorFormat::Root8, exact, 10, 8),
+        (ColorFormat::Root8, exact, 8, 6),
+        (ColorFormat::Root8, within(2), 10, 8),
+        (ColorFormat::Root8, within(8), 10, 8),
+        (ColorFormat::Root8, within(2), 8, 7),
+        (ColorFormat::Root8, within(8), 8, 7),
+        (ColorFormat::Root8, within(4), 7, 6),
+        (ColorFormat::Root8, within(8), 6, 5),
+        (ColorFormat::Root8, within(16), 5, 4),
+        (ColorFormat::Root8, within(32), 4, 4),
+        (ColorFormat::Root8, video(24), 10, 8),
+        (ColorFormat::Root8, video(32), 7, 6),
+        (ColorFormat::Root8, video(40), 5, 4),
     ];
     let of_count = |&layers: &u8| {
         let layerings: &[Layering] = if request.quick {
@@ -113,10 +132,11 @@ pub(in crate::sweep) fn compressions(request: &Request<'_>) -> Vec<Setting> {
             &[Layering::Optimal, Layering::Merged, Layering::Quantiles]
         };
         layerings.iter().flat_map(move |&layering| {
-            codings.iter().map(move |&(source, depth_bits, optical_depth_bits)| {
+            codings.iter().map(move |&(source, color, depth_bits, optical_depth_bits)| {
                 let format = VolumeFormat { layers, layering, depth_bits, optical_depth_bits, source };
-                let value = format!("{}:{layers} {source:?}/{depth_bits}/{optical_depth_bits}", layering.name());
-                Setting { format, ..Setting::new(value) }
+                let sources = if color == ColorCoding::Exact { format!("{source:?}") } else { color.to_string() };
+                let value = format!("{}:{layers} {sources}/{depth_bits}/{optical_depth_bits}", layering.name());
+                Setting { format, color, ..Setting::new(value) }
             })
         })
     };

@@ -6,14 +6,14 @@
 //! or the scene's environment.
 
 use super::super::SweepError;
-use crate::analytic::{ReceivedFrame, send};
+use crate::loopback::{Loopback, ReceivedFrame};
 use crate::measure::{dssim, psnr_srgb8};
 use glam::{DQuat, DVec3, Vec3, Vec4};
 use image::RgbImage;
 use rayon::prelude::*;
 use std::sync::Arc;
 use warplight_protocol::codec::FrameShape;
-use warplight_protocol::frame::{FrameFormat, Plan, Tree, VolumeFormat};
+use warplight_protocol::frame::{ColorCoding, FrameFormat, Plan, Tree, VolumeFormat};
 use warplight_protocol::tone::ToneTable;
 use warplight_protocol::{Camera, ImageSize, Pose};
 use warplight_server::counters::Counters;
@@ -97,17 +97,22 @@ impl Study {
     }
 
     /// A frame as it arrives.
-    pub(super) fn received(&self, tree: Tree, format: VolumeFormat) -> Result<ReceivedFrame, SweepError> {
+    pub(super) fn received(
+        &self,
+        tree: Tree,
+        volume: VolumeFormat,
+        color_coding: ColorCoding,
+    ) -> Result<ReceivedFrame, SweepError> {
         let shape = FrameShape {
             camera: tree.camera,
             plan: tree.plan.clone(),
             interfaces: tree.interfaces.clone(),
-            format: FrameFormat { volume: format, ..FrameFormat::default() },
+            format: FrameFormat { volume, color_coding, ..FrameFormat::exact() },
             volume: self.bounds.range(&tree.render_pose),
             strip_rows: BAND_ROWS as u16,
             exposure: self.exposure(),
         };
-        Ok(send(tree, &shape)?)
+        Ok(Loopback::default().send(tree, &shape)?)
     }
 
     /// What is really seen of the media.
