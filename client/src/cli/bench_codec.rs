@@ -5,7 +5,7 @@
 
 use super::Failure;
 use super::bench::Bench;
-use crate::loopback::{Beat, Loopback, Walk};
+use crate::loopback::{Beat, Loopback, Walk, write_plane};
 use crate::trace::Trace;
 use anyhow::Context;
 use std::collections::BTreeMap;
@@ -111,7 +111,7 @@ fn thesis(bench: &mut Bench, scene: &str, walk: &Walk, planes: Option<&Path>) ->
     Ok(())
 }
 
-/// Planes as files of 32-bit floats, little-endian, row by row: NODE.PLANE.f32 for other programs to read.
+/// All planes of a frame, as files NODE.PLANE.f32.
 fn write_planes(tree: &Tree, folder: &Path) -> std::io::Result<()> {
     std::fs::create_dir_all(folder)?;
     for (node, planes) in tree.nodes.iter().enumerate() {
@@ -134,8 +134,7 @@ fn write_planes(tree: &Tree, folder: &Path) -> std::io::Result<()> {
             ("shape.22", s22),
         ];
         for (plane, values) in named.into_iter().filter(|(_, values)| !values.is_empty()) {
-            let bytes: Vec<u8> = values.iter().flat_map(|value| value.to_le_bytes()).collect();
-            std::fs::write(folder.join(format!("{name}.{plane}.f32")), bytes)?;
+            write_plane(&folder.join(format!("{name}.{plane}.f32")), values)?;
         }
     }
     Ok(())

@@ -10,12 +10,23 @@ pub use walk::{Beat, Walk};
 use crate::assemble::{PendingPictures, PictureDecoders};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
+use std::io;
+use std::path::Path;
 use std::sync::{Mutex, PoisonError};
 use warplight_protocol::codec::{DecodeError, FrameShape, PlaneKind, StripDecoder, StripEncoder};
 use warplight_protocol::frame::{ColorCoding, FrameId, Tree, TreeRows};
 use warplight_protocol::message::PictureMessage;
 use warplight_protocol::video::PictureHead;
 use warplight_server::pictures::{EncodeJob, PictureSource, PictureStream};
+
+/// Writes a plane as 32-bit floats, little-endian, row by row, for other programs to read.
+///
+/// # Errors
+/// A file that cannot be written.
+pub fn write_plane(file: &Path, values: &[f32]) -> io::Result<()> {
+    let bytes: Vec<u8> = values.iter().flat_map(|value| value.to_le_bytes()).collect();
+    std::fs::write(file, bytes)
+}
 
 /// A sender and a receiver.
 #[derive(Debug)]

@@ -7,6 +7,7 @@
 
 use super::study::{Background, Study};
 use super::{LIGHT_SPP, Setting, SweepError};
+use crate::loopback::write_plane;
 use crate::march::{Marcher, Method};
 use crate::sweep::{Point, Request};
 use std::collections::BTreeMap;
@@ -22,7 +23,7 @@ pub(in crate::sweep) fn measure(request: &Request<'_>, scene: &str, folder: &Pat
     let study = Study::new(scene, setting.density, request.size, LIGHT_SPP[usize::from(request.quick)])?;
     let mut tree = study.tree(setting.format, setting.exactly);
     let source = folder.join(SOURCE);
-    write(&tree, &source).map_err(|error| SweepError::Scene(format!("{}: {error}", source.display())))?;
+    write(&mut tree, &source).map_err(|error| SweepError::Scene(format!("{}: {error}", source.display())))?;
     let pose = study.pose(setting.degrees);
     let seen = study.seen(&pose);
     let mut marcher = Marcher::default();
@@ -79,12 +80,11 @@ fn named(planes: &mut LayerPlanes) -> [(&'static str, &mut Vec<f32>); 6] {
     ]
 }
 
-fn write(tree: &Tree, folder: &Path) -> std::io::Result<()> {
+fn write(tree: &mut Tree, folder: &Path) -> std::io::Result<()> {
     std::fs::create_dir_all(folder)?;
-    for (layer, planes) in tree.layers.clone().iter_mut().enumerate() {
+    for (layer, planes) in tree.layers.iter_mut().enumerate() {
         for (name, values) in named(planes) {
-            let bytes: Vec<u8> = values.iter().flat_map(|value| value.to_le_bytes()).collect();
-            std::fs::write(folder.join(format!("{layer}.{name}.f32")), bytes)?;
+            write_plane(&folder.join(format!("{layer}.{name}.f32")), values)?;
         }
     }
     Ok(())
