@@ -11,7 +11,7 @@ use std::sync::Arc;
 use std::time::Duration;
 use warplight_protocol::codec::{DecodeError, FrameShape, PlaneKind, StripDecoder};
 use warplight_protocol::frame::Tree;
-use warplight_protocol::message::{FrameBegin, FrameEnd, PictureMessage, StripMessage};
+use warplight_protocol::message::{FrameBegin, FrameEnd, FramePurpose, PictureMessage, StripMessage};
 use warplight_protocol::video::PictureHead;
 use warplight_protocol::{Camera, ImageSize, Pose, Timestamp};
 
@@ -139,6 +139,11 @@ impl Assembler {
         partial.decode_time += elapsed();
         *partial.bytes_per_plane.entry(plane).or_default() += bytes;
         Ok(())
+    }
+
+    /// The session is lost: so is the frame that is being put together. True where it was live.
+    pub fn abandon(&mut self) -> bool {
+        self.current.take().is_some_and(|partial| partial.begin.purpose == FramePurpose::Live)
     }
 
     /// A session begins: its first pictures must be key pictures.

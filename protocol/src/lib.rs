@@ -13,9 +13,11 @@ pub mod optics;
 pub mod pose;
 pub mod time;
 pub mod tone;
+pub mod trust;
 pub mod video;
 pub mod wire;
 
 pub use camera::{Camera, FieldOfView, ImageSize};
 pub use pose::Pose;
 pub use time::Timestamp;
+pub use trust::Token;

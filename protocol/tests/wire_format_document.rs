@@ -13,7 +13,7 @@ use warplight_protocol::frame::{
     Plan, VolumeFormat, thesis_bits,
 };
 use warplight_protocol::message::{
-    Capabilities, ErrorCode, MAGIC, MAX_ERROR_TEXT_BYTES, MAX_POSE_SAMPLES, Message, MessageKind, VERSION,
+    Capabilities, ErrorCode, MAGIC, MAX_ERROR_TEXT_BYTES, MAX_POSE_SAMPLES, Message, MessageKind, Prediction, VERSION,
 };
 use warplight_protocol::wire::{Deframer, HEADER_BYTES};
 use warplight_protocol::{Camera, ImageSize, Pose};
@@ -103,6 +103,8 @@ fn errors_capabilities_and_formats_are_those_of_the_code() {
         ErrorCode::Limit,
         ErrorCode::Timeout,
         ErrorCode::Internal,
+        ErrorCode::Unauthorised,
+        ErrorCode::Busy,
         ErrorCode::Unknown,
     ];
     assert_eq!(errors, known.map(|code| format!("{} {code:?}", code as u16)));
@@ -143,6 +145,7 @@ fn errors_capabilities_and_formats_are_those_of_the_code() {
     assert_eq!(allowed["format.volume.optical_depth_bits"], range(VolumeFormat::OPTICAL_DEPTH_BITS));
     let codings = [DepthCoding::Relative, DepthCoding::Unfolded].map(|coding| format!("{coding:?}"));
     assert_eq!(allowed["format.child_depth"], codings.join(", "));
+    assert_eq!(allowed["prediction"], Prediction::ALL.map(|prediction| format!("{prediction:?}")).join(", "));
 }
 
 #[test]

@@ -14,6 +14,7 @@ pub mod frame;
 pub mod integrator;
 pub mod layering;
 pub mod march;
+pub mod metrics;
 pub mod net;
 pub mod pictures;
 pub mod predict;

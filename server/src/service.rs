@@ -3,12 +3,14 @@
 use crate::effects::{Effects, plan_of};
 use crate::frame::FrameRenderer;
 use crate::march::MediaBounds;
+use crate::metrics::Metrics;
 use crate::scene::Scene;
 use crate::session::{SampleBudget, SessionConfig};
 use crate::stream::STRIP_ROWS;
 use rayon::{ThreadPool, ThreadPoolBuildError, ThreadPoolBuilder};
 use std::sync::Arc;
 use thread_priority::{ThreadPriority, set_current_thread_priority};
+use warplight_protocol::Token;
 use warplight_protocol::codec::Limits;
 use warplight_protocol::frame::Plan;
 
@@ -93,6 +95,8 @@ pub struct Service {
     pub live_pool: Arc<ThreadPool>,
     /// Where stills are rendered.
     pub still_pool: Arc<ThreadPool>,
+    /// What its sessions note.
+    pub metrics: Arc<Metrics>,
 }
 
 impl Service {
@@ -117,10 +121,11 @@ impl Service {
             strip_rows: STRIP_ROWS,
             guard_rad: options.guard_deg.to_radians(),
             limits: Limits::default(),
+            token: Token::NONE,
         };
         // Enough to begin with; frames add to it.
         live_pool.install(|| renderer.refine_all_light(FIRST_LIGHT_SPP, options.max_depth, options.seed));
-        Ok(Service { renderer, session, options, live_pool, still_pool })
+        Ok(Service { renderer, session, options, live_pool, still_pool, metrics: Arc::default() })
     }
 }
 

@@ -8,9 +8,11 @@ mod bench_frames;
 mod bench_volumes;
 mod coding;
 mod optics;
+mod probe;
 mod replay;
 mod strip;
 mod sweep;
+mod trust;
 
 use crate::replay::ReplayError;
 use crate::trace;
@@ -33,6 +35,8 @@ struct Arguments {
 enum Command {
     /// Replay a head trace against a server and write a report.
     Replay(Box<replay::ReplayArgs>),
+    /// Measure a link and a server, and whether the wanted mode fits.
+    Probe(probe::ProbeArgs),
     /// Time the client's stages and the codec.
     Bench(bench::BenchArgs),
     /// Measure accuracy against cost over one knob.
@@ -79,6 +83,7 @@ pub fn main() -> ExitCode {
     let outcome = match arguments.command {
         None => replay::run(&replay::ReplayArgs::default()),
         Some(Command::Replay(arguments)) => replay::run(&arguments),
+        Some(Command::Probe(arguments)) => probe::run(&arguments),
         Some(Command::Bench(arguments)) => bench::run(&arguments),
         Some(Command::Sweep(arguments)) => sweep::run(&arguments),
         Some(Command::Trace(arguments)) => {

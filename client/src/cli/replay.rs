@@ -4,10 +4,12 @@ use super::Failure;
 use super::coding::CodingArgs;
 use super::optics::OpticsArgs;
 use super::strip;
+use super::trust::TrustArgs;
 use crate::display::beside;
 use crate::embedded;
 use crate::link::LinkModel;
 use crate::measure::compare;
+use crate::net::Endpoint;
 use crate::replay::{
     AssessedRefresh, Circumstances, ModelledTimes, Progress, ReplayPlan, assess, report_from, run_real, run_virtual,
 };
@@ -21,12 +23,15 @@ use clap::{Args, Parser, ValueEnum};
 use image::RgbImage;
 use indicatif::{ProgressBar, ProgressStyle};
 use std::io::IsTerminal;
+use std::net::SocketAddr;
 use std::path::PathBuf;
+use std::sync::Arc;
 use std::time::Duration;
 use warplight_protocol::camera::Projection;
 use warplight_protocol::frame::Plan;
-use warplight_protocol::message::Viewport;
+use warplight_protocol::message::{Prediction, Viewport};
 use warplight_protocol::{Camera, ImageSize};
+use warplight_server::metrics::{Metrics, http};
 use warplight_server::scene::Scene;
 use warplight_server::service::{DEFAULT_GUARD_DEG, DEFAULT_MAX_DEPTH, Estimator, Service, ServiceOptions, guard_deg};
 use warplight_server::session::SampleBudget;
@@ -47,6 +52,15 @@ enum Clock {
     Virtual,
 }
 
+/// Something that is done or not.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum Switch {
+    /// It is done.
+    On,
+    /// It is not.
+    Off,
+}
+
 /// What frames show.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum View {
@@ -62,6 +76,8 @@ pub(super) struct ReplayArgs {
     /// Server to connect to (host:port); without it a server is started inside this process.
     #[arg(long, value_name = "ADDR")]
     connect: Option<String>,
+    #[command(flatten)]
+    trust: TrustArgs,
     /// Scene of the embedded server: a built-in name, or a path to scene.toml, .glb or .gltf.
     #[arg(long, value_name = "S", conflicts_with = "connect")]
     scene: Option<String>,
@@ -78,6 +94,10 @@ pub(super) struct ReplayArgs {
     /// Where mode `specular` has its normals from: transmitted, from-depth-gaussian or from-depth-bilateral.
     #[arg(long, default_value = Normals::Transmitted.name(), value_name = "NORMALS")]
     normals: Normals,
+    /// How the server continues the motion of the head: none, constant (velocity), damped (turns die away) or adaptive (by
+    /// what would have served this head best of late).
+    #[arg(long, default_value = Prediction::Adaptive.name(), value_parser = predictions())]
+    prediction: Prediction,
     /// Frames before the latest that are asked for what that does not know, 0 to 4.
     #[arg(long, default_value_t = 0, value_name = "N", value_parser = clap::value_parser!(u8).range(0..=4))]
     earlier_frames: u8,
@@ -93,6 +113,19 @@ pub(super) struct ReplayArgs {
     /// Modelled rate in megabits per second (virtual clock) [default: unlimited].
     #[arg(long, value_parser = positive)]
     rate_mbps: Option<f64>,
+    /// The modelled link stands still for so many milliseconds, again and again (virtual clock) [default: 0].
+    #[arg(long, value_parser = non_negative)]
+    stall_ms: Option<f64>,
+    /// From the start of one stall to the next in milliseconds (virtual clock) [default: 5000].
+    #[arg(long, value_parser = positive, requires = "stall_ms")]
+    stall_every_ms: Option<f64>,
+    /// Seconds from connecting after which the modelled link is cut: what is under way is lost, and the client must connect
+    /// again (virtual clock).
+    #[arg(long, value_parser = positive)]
+    cut_at_s: Option<f64>,
+    /// Seconds for which it is cut (virtual clock) [default: 3].
+    #[arg(long, value_parser = positive, requires = "cut_at_s")]
+    cut_s: Option<f64>,
     /// Size of frames and display.
     #[arg(long, default_value = "384x384", value_name = "WxH")]
     size: ImageSize,
@@ -145,6 +178,12 @@ pub(super) struct ReplayArgs {
     guard_deg: Option<f64>,
     #[command(flatten)]
     coding: CodingArgs,
+    /// Tell figures while it runs, as Prometheus text at http://ADDR/metrics; a loopback address.
+    #[arg(long, value_name = "ADDR")]
+    metrics: Option<SocketAddr>,
+    /// Whether rate, size and coding of frames give way where link or client cannot keep up.
+    #[arg(long, value_enum, default_value_t = Switch::On)]
+    adapt: Switch,
     /// Seed of everything random.
     #[arg(long, default_value_t = 1)]
     seed: u64,
@@ -178,6 +217,11 @@ fn modes() -> impl TypedValueParser<Value = Mode> {
     PossibleValuesParser::new(Mode::ALL.map(named)).try_map(|name| name.parse::<Mode>())
 }
 
+fn predictions() -> impl TypedValueParser<Value = Prediction> {
+    PossibleValuesParser::new(Prediction::ALL.map(Prediction::name))
+        .map(|name| Prediction::ALL.into_iter().find(|prediction| prediction.name() == name).unwrap_or_default())
+}
+
 pub(super) fn number(text: &str, expected: &str, accepts: impl Fn(f64) -> bool) -> Result<f64, String> {
     match text.parse() {
         Ok(value) if accepts(value) => Ok(value),
@@ -193,11 +237,11 @@ fn non_negative(text: &str) -> Result<f64, String> {
     number(text, "a number from 0 to 60000", |value| (0.0..=60_000.0).contains(&value))
 }
 
-fn rate(text: &str) -> Result<f64, String> {
+pub(super) fn rate(text: &str) -> Result<f64, String> {
     number(text, "a rate from 0.01 to 1000 Hz", |value| (0.01..=1000.0).contains(&value))
 }
 
-fn field_of_view(text: &str) -> Result<f64, String> {
+pub(super) fn field_of_view(text: &str) -> Result<f64, String> {
     number(text, "an angle from 1 to 170 degrees", |value| (1.0..=170.0).contains(&value))
 }
 
@@ -215,21 +259,26 @@ pub(super) fn run(arguments: &ReplayArgs) -> Result<(), Failure> {
             (run_virtual(&plan, service, link, times, arguments.seed, &mut progress)?, Some(link))
         }
         Clock::Real => {
-            if arguments.latency_ms.is_some() || arguments.jitter_ms.is_some() || arguments.rate_mbps.is_some() {
-                return Err(Failure::Input(
-                    "--latency-ms, --jitter-ms and --rate-mbps model a link: they need --clock virtual".to_owned(),
-                ));
+            let modelled = [
+                ("--latency-ms", arguments.latency_ms),
+                ("--jitter-ms", arguments.jitter_ms),
+                ("--rate-mbps", arguments.rate_mbps),
+                ("--stall-ms", arguments.stall_ms),
+                ("--cut-at-s", arguments.cut_at_s),
+            ];
+            if let Some((flag, _)) = modelled.iter().find(|(_, value)| value.is_some()) {
+                return Err(Failure::Input(format!("{flag}: it models a link, which needs --clock virtual")));
             }
-            let address = match &arguments.connect {
-                Some(address) => address.clone(),
+            let endpoint = match &arguments.connect {
+                Some(address) => arguments.trust.endpoint(address)?,
                 None => {
                     // The display keeps a core to itself.
                     let cores = std::thread::available_parallelism().map_or(1, usize::from);
                     let service = service_of(arguments, cores.saturating_sub(1).max(1), &mut warnings)?;
-                    embedded::start(service).context("starting the embedded server")?.to_string()
+                    Endpoint::plain(embedded::start(service).context("starting the embedded server")?.to_string())
                 }
             };
-            (run_real(&plan, &address, &mut progress)?, None)
+            (run_real(&plan, endpoint, &mut progress)?, None)
         }
     };
     let quality = assess(&recording, &plan, &mut progress)?;
@@ -306,11 +355,26 @@ fn plan_of(arguments: &ReplayArgs) -> Result<ReplayPlan, Failure> {
         earlier_frames: usize::from(arguments.earlier_frames),
         format: arguments.coding.format(),
         target_kbps: arguments.coding.target_kbps(),
+        prediction: arguments.prediction,
+        adapt: arguments.adapt == Switch::On,
+        metrics: arguments.metrics.map(metrics_at).transpose()?,
         modes: Mode::ALL.into_iter().filter(|mode| is_compared(mode) && mode.shows(projection)).collect(),
         optics: arguments.optics.optics(),
         quality_every: arguments.quality_every.unwrap_or(spacing),
         quality_spp: arguments.quality_spp,
     })
+}
+
+/// Figures that are told at a loopback address while the replay runs.
+fn metrics_at(address: SocketAddr) -> Result<Arc<Metrics>, Failure> {
+    if !address.ip().is_loopback() {
+        return Err(Failure::Input(format!("--metrics {address}: anyone may read them: expected a loopback address")));
+    }
+    let metrics = Arc::new(Metrics::default());
+    let at = http::serve(address, metrics.clone())
+        .map_err(|error| Failure::Input(format!("--metrics {address}: {error}")))?;
+    tracing::info!("figures at http://{at}/metrics");
+    Ok(metrics)
 }
 
 fn time_budget(arguments: &ReplayArgs) -> Duration {
@@ -335,12 +399,17 @@ fn service_of(arguments: &ReplayArgs, threads: usize, warnings: &mut Vec<String>
 
 fn link_of(arguments: &ReplayArgs) -> LinkModel {
     const DEFAULT_LATENCY_MS: f64 = 20.0;
+    const DEFAULT_STALL_EVERY_MS: f64 = 5000.0;
+    const DEFAULT_CUT_S: f64 = 3.0;
     let millis = |value: f64| Duration::from_secs_f64(value * 1e-3);
     LinkModel {
         latency: millis(arguments.latency_ms.unwrap_or(DEFAULT_LATENCY_MS)),
         jitter: millis(arguments.jitter_ms.unwrap_or(0.0)),
         rate_bits_per_sec: arguments.rate_mbps.map(|rate| rate * 1e6),
-        stall: None,
+        stall: arguments
+            .stall_ms
+            .map(|stall| (millis(arguments.stall_every_ms.unwrap_or(DEFAULT_STALL_EVERY_MS)), millis(stall))),
+        cut: arguments.cut_at_s.map(|at| (millis(1e3 * at), millis(1e3 * arguments.cut_s.unwrap_or(DEFAULT_CUT_S)))),
     }
 }
 

@@ -4,12 +4,14 @@
 //! `virtual_clock` and `real_clock` drive the same sessions, the one in modelled time and the other over
 //! TCP; both give a [`Recording`], from which `quality` and `report` make what is written.
 
+mod clock;
 mod quality;
 mod real_clock;
 mod recording;
 mod reference;
 mod report;
 mod shown;
+mod spikes;
 mod virtual_clock;
 
 pub use quality::{AssessedRefresh, Assessment, QualityRun, assess};
@@ -23,11 +25,14 @@ use crate::display::Optics;
 use crate::session::SessionEnd;
 use crate::trace::Trace;
 use crate::warp::{Mode, Normals, Solver, Warper};
+use std::sync::Arc;
 use std::time::Duration;
 use warplight_protocol::Camera;
 use warplight_protocol::Pose;
+use warplight_protocol::Token;
 use warplight_protocol::frame::FrameFormat;
-use warplight_protocol::message::{Capabilities, Hello, Viewport};
+use warplight_protocol::message::{Capabilities, Hello, Prediction, Viewport};
+use warplight_server::metrics::Metrics;
 
 /// What to replay.
 #[derive(Clone, Debug)]
@@ -60,6 +65,12 @@ pub struct ReplayPlan {
     pub format: FrameFormat,
     /// Thousand bits per second that live frames shall take; 0 for as many as they need.
     pub target_kbps: u32,
+    /// How the server continues the motion of the head.
+    pub prediction: Prediction,
+    /// Whether live frames may give way where link or client cannot keep up.
+    pub adapt: bool,
+    /// Where figures go while it runs.
+    pub metrics: Option<Arc<Metrics>>,
     /// Every so many refreshes one is compared with the reference; 0 for none.
     pub quality_every: u64,
     /// Samples per pixel of the reference.
@@ -77,6 +88,9 @@ impl ReplayPlan {
             frame_hz: self.frame_hz as f32,
             format: self.format,
             target_kbps: self.target_kbps,
+            prediction: self.prediction,
+            token: Token::NONE,
+            adapt: self.adapt,
         }
     }
 

@@ -7,7 +7,7 @@ use super::shown::Shown;
 use super::{Capture, DisplayRecord, Progress, Recording, ReplayError, ReplayPlan};
 use crate::assemble::ReadyFrame;
 use crate::display::Display;
-use crate::net::{Command, Connection, News};
+use crate::net::{Command, Connection, Endpoint, News};
 use crate::trace::Trace;
 use image::RgbImage;
 use std::sync::Arc;
@@ -20,22 +20,27 @@ const PATIENCE: Duration = Duration::from_secs(10);
 /// A still of many samples takes its time.
 const STILL_PATIENCE: Duration = Duration::from_secs(300);
 
-/// Replays `plan` against the server at `address`.
-pub fn run(plan: &ReplayPlan, address: &str, progress: &mut dyn FnMut(Progress)) -> Result<Recording, ReplayError> {
-    let connect = |source| ReplayError::Connect { address: address.to_owned(), source };
-    let connection = Connection::start(address.to_owned(), plan.hello(), Instant::now()).map_err(connect)?;
+/// Replays `plan` against a server.
+pub fn run(
+    plan: &ReplayPlan,
+    endpoint: Endpoint,
+    progress: &mut dyn FnMut(Progress),
+) -> Result<Recording, ReplayError> {
+    let address = endpoint.address.clone();
+    let connect = |source| ReplayError::Connect { address: address.clone(), source };
+    let connection = Connection::start(endpoint, plan.hello(), Instant::now()).map_err(connect)?;
     let mut player = Player {
         plan,
         connection,
         trace: None,
         shown: Shown::default(),
-        recording: Recording::default(),
+        recording: Recording { metrics: plan.metrics.clone(), ..Recording::default() },
         lost: None,
         stills_missing: 0,
         over: false,
     };
     progress(Progress::Connecting);
-    player.wait_for_first_frame(address)?;
+    player.wait_for_first_frame(&address)?;
     player.play(progress)?;
     player.fetch_references(progress)?;
     player.close();
@@ -59,6 +64,9 @@ impl Player<'_> {
             News::Open(welcome) => {
                 if self.recording.welcome.is_some() {
                     self.recording.reconnects += 1;
+                    if let Some(metrics) = &self.recording.metrics {
+                        metrics.add("warplight_reconnects_total", &[], 1.0);
+                    }
                 }
                 self.lost = None;
                 self.trace = Some(self.plan.placed_trace(&welcome.head));
@@ -66,11 +74,13 @@ impl Player<'_> {
             }
             News::Frame(frame) => self.on_frame(frame),
             News::Statistics(statistics) => self.recording.statistics_arrived(statistics),
-            News::Lost(why) => {
+            News::Lost { why, frame_lost } => {
+                self.recording.session_lost(frame_lost);
                 tracing::warn!("connection lost: {why}");
                 self.lost = Some(why);
             }
             News::Failed(end) => return Err(end.into()),
+            News::RoundTrip(_) => {}
             News::Over => self.over = true,
         }
         Ok(())
@@ -173,7 +183,7 @@ impl Player<'_> {
         // On the display at the first refresh after the warp.
         let intervals = (warped.since(refresh).as_secs_f64() / interval.as_secs_f64()).ceil().max(1.0);
         let presented = refresh + interval.mul_f64(intervals);
-        self.recording.displays.push(DisplayRecord {
+        self.recording.refreshed(DisplayRecord {
             time,
             motion_to_photon: presented.since(sampled),
             warp: warped.since(sampled),

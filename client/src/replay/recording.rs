@@ -2,12 +2,13 @@
 
 use super::reference::{EyeCapture, MeanOfStills, Wanted};
 use crate::assemble::{BytesPerPlane, ReadyFrame};
-use crate::measure::{FrameTimes, Stage};
+use crate::measure::{FrameTimes, Interval, Stage};
 use std::sync::Arc;
 use std::time::Duration;
 use warplight_protocol::frame::{FrameId, Plan};
 use warplight_protocol::message::{Statistics, Welcome};
 use warplight_protocol::{Camera, Pose, Timestamp};
+use warplight_server::metrics::Metrics;
 
 /// One refresh of the display.
 #[derive(Clone, Debug, PartialEq)]
@@ -91,10 +92,16 @@ pub struct Recording {
     pub down_bytes: u64,
     /// Bytes to the server.
     pub up_bytes: u64,
+    /// The server's totals of sessions before this one.
+    pub earlier_sessions: Statistics,
+    /// Live frames that had begun to arrive when their session was lost.
+    pub frames_lost: u64,
     /// How often the connection was made again.
     pub reconnects: u64,
     /// When the first refresh was, by the client's clock.
     pub start: Timestamp,
+    /// Where figures go while it is made.
+    pub metrics: Option<Arc<Metrics>>,
     /// The last refresh is over: what arrives now is not part of the replay.
     pub is_over: bool,
 }
@@ -110,8 +117,45 @@ impl Recording {
     /// Takes in the server's totals.
     pub fn statistics_arrived(&mut self, statistics: Statistics) {
         if !self.is_over {
+            if let Some(metrics) = &self.metrics {
+                for limiter in &statistics.limiters {
+                    let labels = [("limiter", limiter.kind.name())];
+                    metrics.set("warplight_limited", &labels, f64::from(u8::from(limiter.is_active)));
+                    metrics.set("warplight_limited_seconds_total", &labels, limiter.active_micros as f64 * 1e-6);
+                }
+                for (fate, frames) in [("sent", statistics.frames_sent), ("replaced", statistics.frames_replaced)] {
+                    metrics.set("warplight_frames_total", &[("fate", fate)], f64::from(frames));
+                }
+            }
             self.statistics = statistics;
         }
+    }
+
+    /// Notes that a session is over, and whether a live frame had begun to arrive and will not be whole. The server's
+    /// totals start again with the next.
+    pub fn session_lost(&mut self, has_begun: bool) {
+        if self.is_over {
+            return;
+        }
+        self.frames_lost += u64::from(has_begun);
+        self.earlier_sessions = self.totals();
+        self.statistics = Statistics::default();
+    }
+
+    /// The server's totals of all sessions.
+    pub fn totals(&self) -> Statistics {
+        let (mut all, last) = (self.earlier_sessions.clone(), &self.statistics);
+        all.frames_rendered += last.frames_rendered;
+        all.frames_sent += last.frames_sent;
+        all.frames_replaced += last.frames_replaced;
+        all.poses_ignored += last.poses_ignored;
+        for (name, count) in &last.counters {
+            match all.counters.iter_mut().find(|(known, _)| known == name) {
+                Some((_, sum)) => *sum += count,
+                None => all.counters.push((name.clone(), *count)),
+            }
+        }
+        all
     }
 
     /// Notes a frame that is ready.
@@ -136,6 +180,11 @@ impl Recording {
         ] {
             times.record(stage, at);
         }
+        if let Some(metrics) = &self.metrics {
+            metrics.add("warplight_frames_total", &[("fate", "received")], 1.0);
+            metrics.add("warplight_frame_bytes_total", &[], frame.bytes as f64);
+        }
+        self.observe_steps(&times, Stage::PoseReceived, Stage::Decoded);
         self.plan.get_or_insert_with(|| frame.begin.shape.plan.clone());
         self.frames.push(FrameRecord {
             id: frame.begin.id,
@@ -159,6 +208,33 @@ impl Recording {
             record.pose_when_shown = Some(true_pose);
             record.times.record(Stage::Warped, warped);
             record.times.record(Stage::Presented, presented);
+            let times = record.times;
+            if let Some(metrics) = &self.metrics {
+                metrics.add("warplight_frames_total", &[("fate", "shown")], 1.0);
+            }
+            self.observe_steps(&times, Stage::Decoded, Stage::Presented);
+        }
+    }
+
+    /// Notes a refresh.
+    pub fn refreshed(&mut self, record: DisplayRecord) {
+        if let Some(metrics) = &self.metrics {
+            let fate = if record.missed { "late" } else { "in time" };
+            metrics.add("warplight_refreshes_total", &[("picture", fate)], 1.0);
+            metrics.observe("warplight_frame_age_seconds", &[], record.frame_age.as_secs_f64());
+            metrics.observe("warplight_motion_to_photon_seconds", &[], record.motion_to_photon.as_secs_f64());
+            metrics.observe("warplight_interval_seconds", &[("interval", "warp")], record.warp.as_secs_f64());
+        }
+        self.displays.push(record);
+    }
+
+    /// Those intervals between two stages whose ends are of one clock: how far apart two clocks are is known at the end.
+    fn observe_steps(&self, times: &FrameTimes, from: Stage, to: Stage) {
+        let Some(metrics) = &self.metrics else { return };
+        for step in Interval::STEPS.into_iter().filter(|step| step.from >= from && step.to <= to) {
+            if let (Some(name), Some(millis)) = (step.name(), times.interval_ms(step)) {
+                metrics.observe("warplight_interval_seconds", &[("interval", name)], millis * 1e-3);
+            }
         }
     }
 }

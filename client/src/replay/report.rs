@@ -1,19 +1,22 @@
 //! From records to the report: sums and percentiles, nothing else.
 
+use super::clock::{clock_line, epochs};
+use super::spikes::spikes_of;
 use super::{AssessedRefresh, Assessment, FrameRecord, QualityRun, Recording, ReplayPlan};
 use crate::display::{Eye, Optics};
 use crate::link::LinkModel;
 use crate::measure::{ImageError, Interval, Percentiles, Stage};
 use crate::report::{
-    ClockKind, ClockOffset, Display, DisplaySeries, EyeQuality, FrameSeries, Latency, Link, ModeQuality, NodeReport,
+    ClockKind, Display, DisplaySeries, EyeQuality, FrameSeries, Latency, Limit, Link, ModeQuality, NodeReport,
     OpticsUsed, Prediction, QualitySeries, Reference, Report, SCHEMA, Series, SpecularQuality, SpecularReport,
     Viewport, doubts,
 };
 use crate::warp::{Mode, NodeStatistics};
 use std::collections::BTreeMap;
 use std::time::Duration;
-use warplight_protocol::Camera;
 use warplight_protocol::camera::Projection;
+use warplight_protocol::message::Limiter;
+use warplight_protocol::{Camera, Pose};
 
 /// What the records themselves do not say.
 #[derive(Clone, Debug)]
@@ -52,7 +55,9 @@ pub fn report_from(
             missed: plan.refreshes() - recording.displays.iter().filter(|display| !display.missed).count() as u64,
         },
         latency_ms: latency(recording, circumstances.clock),
-        prediction: prediction(recording),
+        spikes: spikes_of(recording, circumstances.clock),
+        limits: limits(recording),
+        prediction: prediction(plan, recording),
         viewport: viewport(plan, recording),
         link: link(plan, recording, circumstances.link),
         optics: optics(&plan.optics),
@@ -68,7 +73,7 @@ pub fn report_from(
             specular_noise_psnr_db: quality.specular_noise_psnr_db,
         }),
         specular: specular(plan, recording, quality),
-        counters: recording.statistics.counters.iter().cloned().collect(),
+        counters: recording.totals().counters.into_iter().collect(),
         warnings: circumstances.warnings,
         series: series(recording, quality),
     };
@@ -85,51 +90,17 @@ fn spread(samples: impl IntoIterator<Item = f64>) -> Option<Percentiles> {
     Percentiles::from_samples(&samples.into_iter().collect::<Vec<_>>()).ok()
 }
 
-/// Frames by the server's clock that stamped them: a restarted server has a new one.
-fn epochs(frames: &[FrameRecord]) -> impl Iterator<Item = &[FrameRecord]> {
-    frames.chunk_by(|before, after| after.times.at(Stage::Sent) >= before.times.at(Stage::Sent))
-}
-
-/// The server's clock as the client sees it, from the frames of one epoch. In virtual time there is only one clock.
-fn clock_offset(frames: &[FrameRecord], clock: ClockKind) -> Option<ClockOffset> {
-    if clock == ClockKind::Virtual {
-        return Some(ClockOffset { offset_ms: 0.0, error_ms: 0.0, drift_ppm: 0.0 });
-    }
-    let (early, late) = frames.split_at(frames.len() / 2);
-    let (offset_ms, error_ms) = offset_and_error_ms(frames)?;
-    Some(ClockOffset { offset_ms, error_ms, drift_ppm: drift_ppm(early, late).unwrap_or(0.0) })
-}
-
-/// From the fastest pose up and the fastest frame down, as NTP does from one packet each way (Mills 1991).
-fn offset_and_error_ms(frames: &[FrameRecord]) -> Option<(f64, f64)> {
-    let fastest_ms = |from: Stage, to: Stage| {
-        let of =
-            move |record: &FrameRecord| Some((record.times.at(to)?.as_secs() - record.times.at(from)?.as_secs()) * 1e3);
-        frames.iter().filter_map(of).min_by(f64::total_cmp)
-    };
-    let up = fastest_ms(Stage::PoseSampled, Stage::PoseReceived)?;
-    let down = fastest_ms(Stage::Sent, Stage::Received)?;
-    Some(((up - down) / 2.0, ((up + down) / 2.0).abs()))
-}
-
-fn drift_ppm(early: &[FrameRecord], late: &[FrameRecord]) -> Option<f64> {
-    let middle_secs =
-        |frames: &[FrameRecord]| frames.get(frames.len() / 2)?.times.at(Stage::Received).map(|at| at.as_secs());
-    let elapsed_secs = middle_secs(late)? - middle_secs(early)?;
-    let change_ms = offset_and_error_ms(late)?.0 - offset_and_error_ms(early)?.0;
-    (elapsed_secs > 1.0).then(|| change_ms * 1e3 / elapsed_secs)
-}
-
 fn latency(recording: &Recording, clock: ClockKind) -> Latency {
     let mut stages = BTreeMap::new();
     let mut samples: BTreeMap<&str, Vec<f64>> = BTreeMap::new();
     let mut latest_offset = None;
     for epoch in epochs(&recording.frames) {
-        latest_offset = clock_offset(epoch, clock);
+        let line = clock_line(epoch, clock);
+        latest_offset = line.map(|line| line.reported());
         for record in epoch {
             let mut times = record.times;
-            if let Some(offset) = latest_offset {
-                times.set_clock_offset((offset.offset_ms * 1e3).round() as i64);
+            if let Some(line) = line {
+                times.set_clock_offset(line.offset_micros_of(record));
             }
             for interval in Interval::STEPS {
                 if let (Some(name), Some(millis)) = (interval.name(), times.interval_ms(interval)) {
@@ -154,36 +125,73 @@ fn latency(recording: &Recording, clock: ClockKind) -> Latency {
     }
 }
 
-fn prediction(recording: &Recording) -> Prediction {
+fn limits(recording: &Recording) -> Vec<Limit> {
+    let live = recording.statistics.live_micros.max(1) as f64;
+    let limit = |limiter: &Limiter| Limit {
+        name: limiter.kind.name().to_owned(),
+        share: limiter.active_micros as f64 / live,
+        why: limiter.why.clone(),
+    };
+    recording.statistics.limiters.iter().filter(|limiter| limiter.active_micros > 0).map(limit).collect()
+}
+
+fn prediction(plan: &ReplayPlan, recording: &Recording) -> Prediction {
     let shown = || recording.frames.iter().filter_map(|frame| Some((frame, frame.pose_when_shown?)));
     let horizon = spread(recording.frames.iter().map(|frame| millis(frame.horizon)));
+    // The orientation of a cube is none that was predicted.
+    let is_turned = |frame: &FrameRecord| frame.camera.projection == Projection::Perspective;
+    let degrees = |a: &Pose, b: &Pose| a.angle_to(b).to_degrees();
+    let millimetres = |a: &Pose, b: &Pose| (a.position - b.position).length() * 1e3;
+    let foreseen = foreseen(plan, recording);
+    let turned = || foreseen.iter().filter(|(frame, ..)| is_turned(frame));
     Prediction {
+        law: plan.prediction.name().to_owned(),
         horizon_ms: horizon.map_or(0.0, |horizon| horizon.mean),
-        // The orientation of a cube is none that was predicted.
         error_deg: spread(
-            shown()
-                .filter(|(frame, _)| frame.camera.projection == Projection::Perspective)
-                .map(|(frame, pose)| frame.render_pose.angle_to(&pose).to_degrees()),
+            shown().filter(|(frame, _)| is_turned(frame)).map(|(frame, pose)| degrees(&frame.render_pose, &pose)),
         ),
-        error_mm: spread(shown().map(|(frame, pose)| (frame.render_pose.position - pose.position).length() * 1e3)),
+        error_mm: spread(shown().map(|(frame, pose)| millimetres(&frame.render_pose, &pose))),
+        at_horizon_deg: spread(turned().map(|(frame, _, then)| degrees(&frame.render_pose, then))),
+        at_horizon_mm: spread(foreseen.iter().map(|(frame, _, then)| millimetres(&frame.render_pose, then))),
+        unpredicted_deg: spread(turned().map(|(_, last, then)| degrees(last, then))),
+        unpredicted_mm: spread(foreseen.iter().map(|(_, last, then)| millimetres(last, then))),
     }
 }
 
+/// Frames that answer a pose of the trace, with that pose and where the head was a horizon later.
+fn foreseen<'a>(plan: &ReplayPlan, recording: &'a Recording) -> Vec<(&'a FrameRecord, Pose, Pose)> {
+    let Some(welcome) = &recording.welcome else { return Vec::new() };
+    let trace = plan.placed_trace(&welcome.head);
+    let poses = |frame: &'a FrameRecord| {
+        // Before the start the head stands still.
+        let asked_secs = frame.times.at(Stage::PoseSampled)?.as_secs() - recording.start.as_secs();
+        let then_secs = asked_secs + frame.horizon.as_secs_f64();
+        (asked_secs >= 0.0).then(|| (frame, trace.pose_at(asked_secs), trace.pose_at(then_secs)))
+    };
+    recording.frames.iter().filter_map(poses).collect()
+}
+
 fn link(plan: &ReplayPlan, recording: &Recording, model: Option<LinkModel>) -> Link {
+    let arrived = recording.frames.len() as u64;
     let frames_shown = recording.frames.iter().filter(|frame| frame.shown).count() as u64;
     let seconds = plan.duration.as_secs_f64().max(1e-9);
     Link {
         down_bytes: recording.down_bytes,
         up_bytes: recording.up_bytes,
         down_mbps: recording.down_bytes as f64 * 8e-6 / seconds,
-        frames_sent: u64::from(recording.statistics.frames_sent),
+        frames_sent: arrived + recording.frames_lost,
         frames_shown,
-        frames_replaced: u64::from(recording.statistics.frames_replaced)
-            + (recording.frames.len() as u64 - frames_shown),
+        frames_replaced: arrived - frames_shown,
+        frames_lost: recording.frames_lost,
+        frames_unsent: u64::from(recording.totals().frames_replaced),
         reconnects: recording.reconnects,
         latency_ms: model.map(|model| millis(model.latency)),
         jitter_ms: model.map(|model| millis(model.jitter)),
         rate_mbps: model.and_then(|model| model.rate_bits_per_sec).map(|rate| rate * 1e-6),
+        stall_ms: model.and_then(|model| model.stall).map(|(_, length)| millis(length)),
+        stall_every_ms: model.and_then(|model| model.stall).map(|(every, _)| millis(every)),
+        cut_at_s: model.and_then(|model| model.cut).map(|(at, _)| at.as_secs_f64()),
+        cut_s: model.and_then(|model| model.cut).map(|(_, length)| length.as_secs_f64()),
         planes: recording
             .bytes_per_plane
             .iter()
@@ -323,14 +331,14 @@ fn series(recording: &Recording, quality: &QualityRun) -> Series {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
     use crate::measure::FrameTimes;
     use warplight_protocol::frame::FrameId;
-    use warplight_protocol::{ImageSize, Pose, Timestamp};
+    use warplight_protocol::{ImageSize, Timestamp};
 
     /// A frame of a server whose clock is `ahead` of the client's: 10 ms up, 80 ms of rendering, 20 ms down.
-    fn frame(client_micros: i64, ahead_micros: i64) -> FrameRecord {
+    pub(in crate::replay) fn frame(client_micros: i64, ahead_micros: i64) -> FrameRecord {
         let mut times = FrameTimes::default();
         let at = |micros: i64| Timestamp { micros: micros as u64 };
         times.record(Stage::PoseSampled, at(client_micros));
@@ -349,21 +357,6 @@ mod tests {
             shown: false,
             pose_when_shown: None,
         }
-    }
-
-    #[test]
-    fn the_offset_of_two_clocks_is_found_within_its_error() {
-        let frames: Vec<_> = (0..20).map(|number| frame(1_000_000 + 100_000 * number, 7_000_000)).collect();
-        let offset = clock_offset(&frames, ClockKind::Real).unwrap();
-        assert!((offset.offset_ms - 7000.0).abs() <= offset.error_ms + 1e-6);
-        assert!((offset.error_ms - 15.0).abs() < 1e-6 && offset.drift_ppm.abs() < 1.0);
-    }
-
-    #[test]
-    fn a_clock_that_runs_faster_is_seen_to_drift() {
-        let frames: Vec<_> = (0..100).map(|number| frame(100_000 * number, 7_000_000 + 20 * number)).collect();
-        let offset = clock_offset(&frames, ClockKind::Real).unwrap();
-        assert!((offset.drift_ppm - 200.0).abs() < 5.0, "{}", offset.drift_ppm);
     }
 
     #[test]

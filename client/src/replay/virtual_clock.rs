@@ -2,12 +2,12 @@
 //! event. The same seed gives the same recording to the byte, on any machine.
 //!
 //! Frames are really rendered, encoded and decoded; only what that *takes* is modelled ([`ModelledTimes`]),
-//! as is the link. The warp of refreshes that nobody compares is not computed.
+//! as is the link. A connection that a cut ends is made again as over TCP. The warp of refreshes that nobody compares is not computed.
 
 use super::shown::Shown;
 use super::{Capture, DisplayRecord, Progress, Recording, ReplayError, ReplayPlan};
 use crate::assemble::{Assembler, ReadyFrame};
-use crate::link::{Link, LinkModel};
+use crate::link::{Change, LinkModel, Route};
 use crate::session::{ClientSession, Event};
 use crate::trace::Trace;
 use std::collections::VecDeque;
@@ -73,7 +73,7 @@ pub fn run(
         world.refresh(number);
         progress(Progress::Displaying(number + 1, refreshes));
     }
-    world.recording.finish(world.down.bytes(), world.up.bytes());
+    world.recording.finish(world.route.down.bytes(), world.route.up.bytes());
     world.fetch_references(progress)?;
     Ok(world.recording)
 }
@@ -82,13 +82,13 @@ struct World<'a> {
     plan: &'a ReplayPlan,
     times: ModelledTimes,
     now: Timestamp,
+    service: Service,
     server: ServerSession,
     stream: FrameStream,
     pictures: PictureStream,
     client: ClientSession,
     assembler: Assembler,
-    up: Link,
-    down: Link,
+    route: Route,
     server_work: VecDeque<(Timestamp, ServerWork)>,
     decoding: VecDeque<(Timestamp, Arc<ReadyFrame>)>,
     trace: Option<Trace>,
@@ -113,16 +113,16 @@ impl<'a> World<'a> {
             now,
             server: ServerSession::new(service.session.clone(), now),
             pictures: PictureStream::new(service.options.threads),
-            stream: FrameStream::new(service),
+            stream: FrameStream::new(service.clone()),
+            service,
             client: ClientSession::new(plan.hello(), Limits::default(), now),
             assembler: Assembler::default(),
-            up: Link::new(link, seed.wrapping_mul(2)),
-            down: Link::new(link, seed.wrapping_mul(2).wrapping_add(1)),
+            route: Route::new(link, seed.wrapping_mul(2), seed.wrapping_mul(2).wrapping_add(1)),
             server_work: VecDeque::new(),
             decoding: VecDeque::new(),
             trace: None,
             shown: Shown::default(),
-            recording: Recording::default(),
+            recording: Recording { metrics: plan.metrics.clone(), ..Recording::default() },
             references_missing: 0,
         }
     }
@@ -158,26 +158,59 @@ impl<'a> World<'a> {
 
     /// Everything that is due now, until nothing more is.
     fn settle(&mut self) -> Result<(), ReplayError> {
-        let mut again = true;
+        while let Some(change) = self.route.poll(self.now) {
+            match change {
+                Change::Lost => self.on_lost(),
+                Change::Open => self.on_open(),
+            }
+        }
+        let mut again = self.route.is_open();
         while again {
             again = false;
-            while let Some(bytes) = self.up.receive(self.now) {
+            while let Some(bytes) = self.route.up.receive(self.now) {
                 self.server.on_bytes(self.now, &bytes);
                 again = true;
             }
-            while let Some(bytes) = self.down.receive(self.now) {
+            while let Some(bytes) = self.route.down.receive(self.now) {
                 self.client.on_bytes(self.now, &bytes);
                 again = true;
             }
             again |= self.serve()?;
             again |= self.attend()?;
         }
+        if !self.route.is_open() {
+            return Ok(());
+        }
         self.server.on_timeout(self.now);
         self.client.on_timeout(self.now);
         match self.client.end() {
-            Some(end) => Err(end.clone().into()),
-            None => Ok(()),
+            Some(end) if end.is_final() => Err(end.clone().into()),
+            Some(_) if self.route.is_open() => {
+                self.route.lose(self.now);
+                self.on_lost();
+                Ok(())
+            }
+            _ => Ok(()),
         }
+    }
+
+    /// The connection is gone: what is shown stays, what was under way does not come.
+    fn on_lost(&mut self) {
+        self.recording.session_lost(self.assembler.abandon());
+        self.route.up.take_lost();
+        self.route.down.take_lost();
+        self.server_work.clear();
+        self.decoding.clear();
+    }
+
+    /// Both ends start anew.
+    fn on_open(&mut self) {
+        self.recording.reconnects += 1;
+        self.server = ServerSession::new(self.service.session.clone(), self.now);
+        self.pictures = PictureStream::new(self.service.options.threads);
+        self.stream = FrameStream::new(self.service.clone());
+        self.client = ClientSession::new(self.plan.hello(), Limits::default(), self.now);
+        self.assembler.new_session();
     }
 
     /// The server's part.
@@ -207,11 +240,11 @@ impl<'a> World<'a> {
             self.schedule(&job.begin, strips, pictures);
         }
         let mut bytes = Vec::new();
-        while self.down.has_room(self.now) && self.server.poll_transmit(self.now, &mut bytes) {
-            self.down.send(self.now, std::mem::take(&mut bytes));
+        while self.route.down.has_room(self.now) && self.server.poll_transmit(self.now, &mut bytes) {
+            self.route.down.send(self.now, std::mem::take(&mut bytes));
             active = true;
         }
-        if let Some(job) = self.server.poll_encode() {
+        if let Some(job) = self.server.poll_encode(self.now) {
             active = true;
             let encode = self.times.encode_pictures_ns_per_pixel * 1e-9 * job.pictures.pixels() as f64;
             let encoded = self.now + Duration::from_secs_f64(encode);
@@ -257,8 +290,8 @@ impl<'a> World<'a> {
             self.on_ready(frame);
         }
         let mut bytes = Vec::new();
-        while self.up.has_room(self.now) && self.client.poll_transmit(self.now, &mut bytes) {
-            self.up.send(self.now, std::mem::take(&mut bytes));
+        while self.route.up.has_room(self.now) && self.client.poll_transmit(self.now, &mut bytes) {
+            self.route.up.send(self.now, std::mem::take(&mut bytes));
             active = true;
         }
         Ok(active)
@@ -312,7 +345,7 @@ impl<'a> World<'a> {
             self.assembler.retire(frame);
             return;
         }
-        self.client.acknowledge(frame.begin.id, self.now.since(frame.begin.pose_time));
+        self.client.acknowledge(frame.begin.id, self.now.since(frame.begin.pose_time), frame.decode_time);
         self.recording.frame_arrived(&frame);
         if let Some(old) = self.shown.replace(frame, self.plan.earlier_frames) {
             self.assembler.retire(old);
@@ -320,19 +353,23 @@ impl<'a> World<'a> {
     }
 
     fn next_event(&self) -> Timestamp {
-        let mut next = self.server.next_timeout().min(self.client.next_timeout());
-        let arrivals = [self.up.next_arrival(), self.down.next_arrival()];
-        let work = [self.server_work.front().map(|work| work.0), self.decoding.front().map(|work| work.0)];
-        for time in arrivals.into_iter().chain(work).flatten() {
-            next = next.min(time);
+        let Route { up, down, .. } = &self.route;
+        let mut events = vec![
+            up.next_arrival(),
+            down.next_arrival(),
+            self.route.next_event(),
+            self.server_work.front().map(|work| work.0),
+            self.decoding.front().map(|work| work.0),
+        ];
+        if self.route.is_open() {
+            events.push(Some(self.client.next_timeout()));
+            // A session that is over asks for nothing more.
+            events.push(self.server.end().is_none().then(|| self.server.next_timeout()));
+            events.extend([up, down].map(|link| Some(link.room_at())));
         }
-        for link in [&self.up, &self.down] {
-            if !link.has_room(self.now) {
-                next = next.min(link.room_at());
-            }
-        }
-        // Time moves on, whatever the sessions say.
-        next.max(self.now + Duration::from_micros(1))
+        // What is due already waits for something else: a ping for room on the link. Time moves on, whatever they say.
+        let next = events.into_iter().flatten().filter(|&event| event > self.now).min();
+        next.unwrap_or(self.now + PATIENCE)
     }
 
     fn refresh(&mut self, number: u64) {
@@ -348,7 +385,7 @@ impl<'a> World<'a> {
         let intervals = (warp.as_secs_f64() / interval.as_secs_f64()).ceil().max(1.0);
         let motion_to_photon = interval.mul_f64(intervals);
         let presented = self.now + motion_to_photon;
-        self.recording.displays.push(DisplayRecord {
+        self.recording.refreshed(DisplayRecord {
             time,
             motion_to_photon,
             warp,
@@ -370,7 +407,13 @@ impl<'a> World<'a> {
             self.client.request_still(request);
             self.references_missing = 1;
             progress(Progress::Reference(u64::from(request.number), total));
+            let deadline = self.now + PATIENCE;
             while self.references_missing > 0 {
+                if self.now >= deadline {
+                    // Lost with its session.
+                    tracing::warn!("still {} of {total} for the references did not arrive", request.number);
+                    return Ok(());
+                }
                 self.run_until(self.now + Duration::from_millis(100))?;
             }
         }

@@ -1,6 +1,7 @@
 //! What a replay found out: `report.json` for programs, `index.html` for people, a few lines for the
 //! terminal. The last stage of the pipeline; it computes nothing new but the doubts about itself.
 
+mod limits;
 mod nodes;
 pub mod page;
 mod schema;
@@ -13,6 +14,7 @@ mod write;
 #[cfg(test)]
 mod sample;
 
+pub use limits::{Limit, Spike, Spikes};
 pub use nodes::{NodeReport, SpecularReport};
 pub use schema::{
     ClockKind, ClockOffset, Display, EyeQuality, Latency, Link, ModeQuality, OpticsUsed, Prediction, Reference, Report,

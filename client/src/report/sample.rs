@@ -2,8 +2,8 @@
 
 use super::page::PictureSet;
 use super::{
-    ClockKind, Display, DisplaySeries, FrameSeries, Latency, Link, ModeQuality, NodeReport, Prediction, QualitySeries,
-    Reference, Report, SCHEMA, Series, SpecularQuality, SpecularReport, Viewport, doubts,
+    ClockKind, Display, DisplaySeries, FrameSeries, Latency, Limit, Link, ModeQuality, NodeReport, Prediction,
+    QualitySeries, Reference, Report, SCHEMA, Series, SpecularQuality, SpecularReport, Spike, Spikes, Viewport, doubts,
 };
 use crate::measure::{Percentiles, compare};
 use image::{Rgb, RgbImage};
@@ -105,10 +105,33 @@ pub(super) fn sound_report() -> Report {
                 .collect(),
             clock_offset: None,
         },
+        spikes: Spikes {
+            motion_to_photon: 0,
+            frame_age: 1,
+            listed: vec![Spike {
+                time_s: 4.6,
+                delay: "frame age".into(),
+                ms: 172.0,
+                median_ms: 53.0,
+                interval: "render".into(),
+                interval_ms: 121.0,
+                beyond_ms: 102.0,
+            }],
+        },
+        limits: vec![Limit {
+            name: "throughput".into(),
+            share: 0.25,
+            why: "the link carries 4.10 Mbit/s: coarser colour and depth".into(),
+        }],
         prediction: Prediction {
             horizon_ms: 48.5,
             error_deg: spread(&tailed(300, 0.9, 3.0)),
             error_mm: spread(&tailed(300, 3.1, 4.0)),
+            law: "adaptive".into(),
+            at_horizon_deg: spread(&tailed(300, 0.5, 5.0)),
+            at_horizon_mm: spread(&tailed(300, 1.8, 6.0)),
+            unpredicted_deg: spread(&tailed(300, 1.4, 7.0)),
+            unpredicted_mm: spread(&tailed(300, 6.0, 8.0)),
         },
         viewport: Viewport {
             guard_deg: spread(&tailed(300, 3.1, 6.0)),
@@ -121,10 +144,16 @@ pub(super) fn sound_report() -> Report {
             frames_sent: 300,
             frames_shown: 296,
             frames_replaced: 4,
+            frames_lost: 0,
+            frames_unsent: 2,
             reconnects: 0,
             latency_ms: Some(10.0),
             jitter_ms: Some(2.0),
             rate_mbps: None,
+            stall_ms: None,
+            stall_every_ms: None,
+            cut_at_s: None,
+            cut_s: None,
             planes: planes.into_iter().map(|(name, bytes)| (name.to_owned(), bytes)).collect(),
         },
         quality: MODES.into_iter().map(|(mode, _)| mode_quality(mode)).collect(),

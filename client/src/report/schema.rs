@@ -3,7 +3,7 @@
 //! Milliseconds, degrees, millimetres, bytes and megabits per second (10^6), as the names say. A spread that
 //! nothing was measured for is `null`, never zero. Maps are ordered, so equal reports are equal bytes.
 
-use super::{Series, SpecularReport};
+use super::{Limit, Series, SpecularReport, Spikes};
 use crate::measure::Percentiles;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -34,6 +34,12 @@ pub struct Report {
     pub display: Display,
     /// Delays, in milliseconds.
     pub latency_ms: Latency,
+    /// Delays far beyond the usual, and what made them so.
+    #[serde(default)]
+    pub spikes: Spikes,
+    /// Why frames were less than was asked for.
+    #[serde(default)]
+    pub limits: Vec<Limit>,
     /// How well the head pose was predicted.
     pub prediction: Prediction,
     /// What frames showed beyond the display.
@@ -105,9 +111,9 @@ pub struct Latency {
 /// The server's clock as the client sees it.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ClockOffset {
-    /// Server's clock minus client's, in milliseconds.
+    /// Server's clock minus client's, in milliseconds, in the middle of the session.
     pub offset_ms: f64,
-    /// Bound of its error, in milliseconds: half the shortest round trip.
+    /// Bound of its error, in milliseconds: half the shortest round trip, and how far off a steady drift is.
     pub error_ms: f64,
     /// How fast the offset changes, in parts per million.
     pub drift_ppm: f64,
@@ -116,12 +122,28 @@ pub struct ClockOffset {
 /// How well the head pose was predicted.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Prediction {
+    /// By which law: none, constant, damped or adaptive.
+    #[serde(default)]
+    pub law: String,
     /// How far ahead the server predicts, mean in milliseconds.
     pub horizon_ms: f64,
     /// Angle between the predicted and the true head pose when the frame was shown first, in degrees.
     pub error_deg: Option<Percentiles>,
     /// Distance between them in millimetres.
     pub error_mm: Option<Percentiles>,
+    /// Angle between the predicted pose and where the head was at the horizon that the server predicted for, in degrees: the
+    /// error of the prediction alone.
+    #[serde(default)]
+    pub at_horizon_deg: Option<Percentiles>,
+    /// Distance between them in millimetres.
+    #[serde(default)]
+    pub at_horizon_mm: Option<Percentiles>,
+    /// What that would have been without any prediction, in degrees.
+    #[serde(default)]
+    pub unpredicted_deg: Option<Percentiles>,
+    /// The same in millimetres.
+    #[serde(default)]
+    pub unpredicted_mm: Option<Percentiles>,
 }
 
 /// What frames showed beyond the display.
@@ -142,12 +164,18 @@ pub struct Link {
     pub up_bytes: u64,
     /// Mean rate from the server in megabits per second.
     pub down_mbps: f64,
-    /// Frames the server sent.
+    /// Frames the server began to send: those shown, replaced and lost.
     pub frames_sent: u64,
     /// Frames that were shown at least once.
     pub frames_shown: u64,
-    /// Frames that gave way to a newer one before they were sent or shown.
+    /// Frames that arrived and gave way to a newer one before they were shown, or came with the end.
     pub frames_replaced: u64,
+    /// Frames that had begun to arrive when the connection was lost.
+    #[serde(default)]
+    pub frames_lost: u64,
+    /// Frames that gave way to a newer one before they were sent.
+    #[serde(default)]
+    pub frames_unsent: u64,
     /// How often the connection was made again.
     pub reconnects: u64,
     /// Modelled one-way delay in milliseconds; `null` on a real link, as are the next two.
@@ -156,6 +184,18 @@ pub struct Link {
     pub jitter_ms: Option<f64>,
     /// Modelled rate in megabits per second; `null` is unlimited.
     pub rate_mbps: Option<f64>,
+    /// Length of modelled stalls in milliseconds; `null` for none.
+    #[serde(default)]
+    pub stall_ms: Option<f64>,
+    /// Time from one to the next.
+    #[serde(default)]
+    pub stall_every_ms: Option<f64>,
+    /// When the modelled link is cut, in seconds; `null` for not at all.
+    #[serde(default)]
+    pub cut_at_s: Option<f64>,
+    /// For how long.
+    #[serde(default)]
+    pub cut_s: Option<f64>,
     /// Encoded bytes per plane, over all frames.
     pub planes: BTreeMap<String, u64>,
 }

@@ -20,6 +20,13 @@ pub fn summary(report: &Report, page_path: &Path) -> String {
     let link = &report.link;
     let (shown, sent, mbps) = (link.frames_shown, link.frames_sent, link.down_mbps);
     row("link", format!("{mbps:.1} Mbit/s down, {shown} of {sent} frames shown"));
+    for limit in &report.limits {
+        row("limited by", format!("{} for {:.0} % of the time: {}", limit.name, 100.0 * limit.share, limit.why));
+    }
+    let (age, motion) = (report.spikes.frame_age, report.spikes.motion_to_photon);
+    if age + motion > 0 {
+        row("spikes", format!("{age} of frame age, {motion} of motion to photon: see the page"));
+    }
     row("missed refreshes", format!("{} of {}", report.display.missed, report.display.frames));
     let has_specular = report.quality.iter().any(|quality| quality.specular.is_some());
     if !report.quality.is_empty() {

@@ -3,6 +3,11 @@
 //! Bytes and instants go in, events and bytes come out. Strips are handed out undecoded: when and on which
 //! thread they are decoded is up to whoever drives the session, who then acknowledges the frame.
 
+mod backoff;
+
+pub use backoff::Backoff;
+
+use crate::net::OtherCertificate;
 use std::collections::VecDeque;
 use std::time::Duration;
 use warplight_protocol::Timestamp;
@@ -18,6 +23,9 @@ use warplight_protocol::wire::{Deframer, write_message};
 pub const KEEP_ALIVE: Duration = Duration::from_millis(500);
 /// A server that says nothing for this long is gone.
 pub const DEAD_PEER: Duration = Duration::from_secs(2);
+
+/// Messages that may wait to be sent before a server that goes on asking is closed.
+const MAX_OUTGOING: usize = 1024;
 
 /// What happened.
 #[derive(Clone, Debug, PartialEq)]
@@ -61,15 +69,18 @@ pub enum SessionEnd {
     /// The server said nothing for [`DEAD_PEER`].
     #[error("the server said nothing for 2 s")]
     Silent,
+    /// It is not the server that this end was told of.
+    #[error("{0}")]
+    Untrusted(OtherCertificate),
 }
 
 impl SessionEnd {
     /// Whether trying again cannot help. A server that has heard nothing for too long will listen again.
     pub fn is_final(&self) -> bool {
         match self {
-            SessionEnd::Closed => true,
+            SessionEnd::Closed | SessionEnd::Untrusted(_) => true,
             SessionEnd::Refused { code, .. } => {
-                matches!(code, ErrorCode::Version | ErrorCode::Protocol | ErrorCode::Limit)
+                matches!(code, ErrorCode::Version | ErrorCode::Protocol | ErrorCode::Limit | ErrorCode::Unauthorised)
             }
             SessionEnd::Bye | SessionEnd::Decode(_) | SessionEnd::Silent => false,
         }
@@ -83,6 +94,10 @@ pub struct ClientSession {
     outgoing: VecDeque<Message>,
     poses: Vec<PoseSample>,
     events: VecDeque<Event>,
+    /// The frame that is arriving, and since when.
+    arriving: Option<(FrameId, Timestamp)>,
+    /// How long frames took to arrive that are not acknowledged yet.
+    arrived: VecDeque<(FrameId, Duration)>,
     is_open: bool,
     end: Option<SessionEnd>,
     next_ping: Timestamp,
@@ -97,6 +112,8 @@ impl ClientSession {
             outgoing: VecDeque::from([Message::Hello(hello)]),
             poses: Vec::new(),
             events: VecDeque::new(),
+            arriving: None,
+            arrived: VecDeque::new(),
             is_open: false,
             end: None,
             next_ping: now + KEEP_ALIVE,
@@ -121,16 +138,32 @@ impl ClientSession {
         let event = match message {
             Message::Bye => return self.end = Some(SessionEnd::Bye),
             Message::Error { code, text } => return self.end = Some(SessionEnd::Refused { code, text }),
+            Message::Ping(_) if self.outgoing.len() >= MAX_OUTGOING => {
+                return self.refuse(DecodeError::LimitExceeded { limit: MAX_OUTGOING, requested: MAX_OUTGOING + 1 });
+            }
             Message::Ping(time) => return self.outgoing.push_back(Message::Pong(time)),
             Message::Pong(time) => Event::RoundTrip(now.since(time)),
             Message::Welcome(welcome) if !self.is_open => {
                 self.is_open = true;
                 Event::Welcome(welcome)
             }
-            Message::FrameBegin(begin) if self.is_open => Event::FrameBegin(begin),
+            Message::FrameBegin(begin) if self.is_open => {
+                self.arriving = Some((begin.id, now));
+                Event::FrameBegin(begin)
+            }
             Message::Strip(strip) if self.is_open => Event::Strip(strip),
             Message::Picture(picture) if self.is_open => Event::Picture(picture),
-            Message::FrameEnd(end) if self.is_open => Event::FrameEnd(end),
+            Message::FrameEnd(end) if self.is_open => {
+                /// The server has no more under way; stills are never acknowledged.
+                const MOST: usize = 4;
+                if let Some((_, since)) = self.arriving.take().filter(|&(id, _)| id == end.id) {
+                    self.arrived.push_back((end.id, now.since(since)));
+                    if self.arrived.len() > MOST {
+                        self.arrived.pop_front();
+                    }
+                }
+                Event::FrameEnd(end)
+            }
             Message::Statistics(statistics) if self.is_open => Event::Statistics(statistics),
             _ => {
                 let expected = "a welcome first, then only what a server says";
@@ -167,15 +200,30 @@ impl ClientSession {
         self.poses.push(sample);
     }
 
-    /// Acknowledges a frame that is ready to be shown.
-    pub fn acknowledge(&mut self, id: FrameId, pose_to_ready: Duration) {
-        let pose_to_ready_micros = u32::try_from(pose_to_ready.as_micros()).unwrap_or(u32::MAX);
-        self.outgoing.push_back(Message::FrameAck(FrameAck { id, pose_to_ready_micros }));
+    /// Acknowledges a frame that is ready to be shown, and was decoded for so long.
+    pub fn acknowledge(&mut self, id: FrameId, pose_to_ready: Duration, decode: Duration) {
+        let micros = |duration: Duration| u32::try_from(duration.as_micros()).unwrap_or(u32::MAX);
+        let arrived = self.arrived.iter().position(|(arrived, _)| *arrived == id);
+        let receive =
+            arrived.and_then(|at| self.arrived.drain(..=at).next_back()).map_or(Duration::ZERO, |(_, took)| took);
+        self.outgoing.push_back(Message::FrameAck(FrameAck {
+            id,
+            pose_to_ready_micros: micros(pose_to_ready),
+            receive_micros: micros(receive),
+            decode_micros: micros(decode),
+        }));
     }
 
     /// Asks for a converged picture.
     pub fn request_still(&mut self, request: StillRequest) {
         self.outgoing.push_back(Message::StillRequest(request));
+    }
+
+    /// Asks for an answer at once: its [`Event::RoundTrip`] tells how long it took.
+    pub fn ping(&mut self, now: Timestamp) {
+        if self.is_open() {
+            self.outgoing.push_back(Message::Ping(now));
+        }
     }
 
     /// Says goodbye.

@@ -1,7 +1,7 @@
 use super::*;
 use warplight_protocol::frame::FrameFormat;
-use warplight_protocol::message::{Capabilities, Viewport};
-use warplight_protocol::{Camera, ImageSize, Pose};
+use warplight_protocol::message::{Capabilities, Prediction, Viewport};
+use warplight_protocol::{Camera, ImageSize, Pose, Token};
 
 fn at(millis: u64) -> Timestamp {
     Timestamp { micros: millis * 1000 }
@@ -16,6 +16,9 @@ fn hello() -> Hello {
         frame_hz: 10.0,
         format: FrameFormat::default(),
         target_kbps: 0,
+        prediction: Prediction::Damped,
+        token: Token::NONE,
+        adapt: false,
     }
 }
 

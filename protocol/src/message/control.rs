@@ -4,7 +4,7 @@
 use crate::camera::Projection;
 use crate::codec::{DecodeError, FrameShape, Limits};
 use crate::frame::{ColorCoding, FrameFormat, FrameId};
-use crate::{Camera, Pose, Timestamp};
+use crate::{Camera, Pose, Timestamp, Token};
 use bincode::config::{Configuration, Fixint, Limit, LittleEndian};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
@@ -71,6 +71,36 @@ pub enum Viewport {
     Cube,
 }
 
+/// How a server continues the motion of a head.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Prediction {
+    /// Not at all: a frame is rendered for the last pose.
+    None,
+    /// At the velocities of the last 30 ms.
+    ConstantVelocity,
+    /// The same, but turns die away.
+    Damped,
+    /// By the mixture of both, and of velocities over other times, that would have served this head best of late.
+    #[default]
+    Adaptive,
+}
+
+impl Prediction {
+    /// All of them.
+    pub const ALL: [Prediction; 4] =
+        [Prediction::None, Prediction::ConstantVelocity, Prediction::Damped, Prediction::Adaptive];
+
+    /// As it is called on command lines and in reports.
+    pub fn name(self) -> &'static str {
+        match self {
+            Prediction::None => "none",
+            Prediction::ConstantVelocity => "constant",
+            Prediction::Damped => "damped",
+            Prediction::Adaptive => "adaptive",
+        }
+    }
+}
+
 /// What a client asks for.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Hello {
@@ -88,6 +118,12 @@ pub struct Hello {
     pub format: FrameFormat,
     /// Bytes per second that live frames may take, in thousands of bits; 0: as many as they need.
     pub target_kbps: u32,
+    /// How its head's motion is continued.
+    pub prediction: Prediction,
+    /// What the server may want to hear before it serves.
+    pub token: Token,
+    /// Whether rate, size and coding of live frames may give way where link or client cannot keep up.
+    pub adapt: bool,
 }
 
 impl Hello {
@@ -111,6 +147,12 @@ impl Hello {
         let is_video = matches!(self.format.color_coding, ColorCoding::Video { .. });
         if is_video && !self.capabilities.contains(Capabilities::VIDEO) {
             return Err(DecodeError::Malformed { field: "capabilities", expected: "VIDEO, where colour is a video" });
+        }
+        if !self.token.is_valid() {
+            return Err(DecodeError::Malformed {
+                field: "token",
+                expected: "nothing, or 16 to 256 visible characters",
+            });
         }
         Ok(())
     }
@@ -203,6 +245,10 @@ pub struct FrameAck {
     /// From sampling the pose it echoes to its being ready, by the client's clock, in microseconds: what the
     /// server should predict ahead.
     pub pose_to_ready_micros: u32,
+    /// From the arrival of its head to that of its end.
+    pub receive_micros: u32,
+    /// Of that and after it, time spent decoding.
+    pub decode_micros: u32,
 }
 
 /// Running totals of a session, from the server.
@@ -216,8 +262,70 @@ pub struct Statistics {
     pub frames_replaced: u32,
     /// Poses that were refused or came too late to be of use.
     pub poses_ignored: u32,
+    /// Time since the first live frame was begun, in microseconds.
+    pub live_micros: u64,
+    /// Why live frames were less than was asked for; what never was a reason is not in the list.
+    pub limiters: Vec<Limiter>,
     /// Counters by name, such as rays.primary.
     pub counters: Vec<(String, u64)>,
+}
+
+/// What can keep live frames from being what was asked for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
+pub enum LimiterKind {
+    /// What the link carries.
+    Throughput,
+    /// What the client decodes.
+    DecodeTime,
+    /// What the server encodes.
+    EncodeTime,
+    /// What the server renders.
+    RenderTime,
+    /// The bytes that the client wants to pay for.
+    Target,
+    /// The widest band around the display that the server allows.
+    GuardLimit,
+    /// The largest frame that the server allows.
+    MemoryLimit,
+}
+
+impl LimiterKind {
+    /// All there are.
+    pub const ALL: [LimiterKind; 7] = [
+        LimiterKind::Throughput,
+        LimiterKind::DecodeTime,
+        LimiterKind::EncodeTime,
+        LimiterKind::RenderTime,
+        LimiterKind::Target,
+        LimiterKind::GuardLimit,
+        LimiterKind::MemoryLimit,
+    ];
+
+    /// Its name in reports.
+    pub fn name(self) -> &'static str {
+        match self {
+            LimiterKind::Throughput => "throughput",
+            LimiterKind::DecodeTime => "decode time",
+            LimiterKind::EncodeTime => "encode time",
+            LimiterKind::RenderTime => "render time",
+            LimiterKind::Target => "target",
+            LimiterKind::GuardLimit => "guard limit",
+            LimiterKind::MemoryLimit => "memory limit",
+        }
+    }
+}
+
+/// One reason for live frames being less than was asked for.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Limiter {
+    /// Which.
+    pub kind: LimiterKind,
+    /// Whether it limits the latest live frame.
+    pub is_active: bool,
+    /// How long it was active, in microseconds of [`Statistics::live_micros`].
+    pub active_micros: u64,
+    /// What it was about when it was last active, in words.
+    pub why: String,
 }
 
 /// Asks for a converged picture from any pose and through any camera; by default everything composited by the server.
@@ -267,15 +375,28 @@ pub enum ErrorCode {
     Timeout = 4,
     /// A failure at this end.
     Internal = 5,
+    /// The server wants another token than that of the hello.
+    Unauthorised = 6,
+    /// The server has as many sessions as it takes; later it may have fewer.
+    Busy = 7,
     /// A code of another version.
     Unknown = 0xffff,
 }
 
 impl ErrorCode {
+    /// Every code of this version.
+    const KNOWN: [ErrorCode; 7] = [
+        ErrorCode::Version,
+        ErrorCode::Protocol,
+        ErrorCode::Limit,
+        ErrorCode::Timeout,
+        ErrorCode::Internal,
+        ErrorCode::Unauthorised,
+        ErrorCode::Busy,
+    ];
+
     pub(super) fn from_wire(code: u16) -> ErrorCode {
-        let known =
-            [ErrorCode::Version, ErrorCode::Protocol, ErrorCode::Limit, ErrorCode::Timeout, ErrorCode::Internal];
-        known.into_iter().find(|&known| known as u16 == code).unwrap_or(ErrorCode::Unknown)
+        ErrorCode::KNOWN.into_iter().find(|&known| known as u16 == code).unwrap_or(ErrorCode::Unknown)
     }
 }
 

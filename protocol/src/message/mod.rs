@@ -8,8 +8,8 @@ mod control;
 mod frame_path;
 
 pub use control::{
-    Capabilities, ErrorCode, FrameAck, FrameBegin, FrameEnd, FramePurpose, Hello, Statistics, StillRequest, Viewport,
-    Welcome,
+    Capabilities, ErrorCode, FrameAck, FrameBegin, FrameEnd, FramePurpose, Hello, Limiter, LimiterKind, Prediction,
+    Statistics, StillRequest, Viewport, Welcome,
 };
 pub use frame_path::{MAX_POSE_SAMPLES, PictureMessage, PoseSample, StripMessage};
 

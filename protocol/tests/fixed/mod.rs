@@ -8,13 +8,13 @@ use warplight_protocol::frame::{
     DepthCoding, FrameFormat, FrameId, Interfaces, Plan, Tree, UNDEFINED, VolumeFormat, VolumeRange, VolumeSegment,
 };
 use warplight_protocol::message::{
-    Capabilities, ErrorCode, FrameAck, FrameBegin, FrameEnd, FramePurpose, Hello, Message, PictureMessage, PoseSample,
-    Statistics, StillRequest, StripMessage, Viewport, Welcome,
+    Capabilities, ErrorCode, FrameAck, FrameBegin, FrameEnd, FramePurpose, Hello, Limiter, LimiterKind, Message,
+    PictureMessage, PoseSample, Prediction, Statistics, StillRequest, StripMessage, Viewport, Welcome,
 };
 use warplight_protocol::optics::Interface;
 use warplight_protocol::video::{Canvas, PictureHead, Placement};
 use warplight_protocol::wire::write_message;
-use warplight_protocol::{Camera, FieldOfView, ImageSize, Pose, Timestamp};
+use warplight_protocol::{Camera, FieldOfView, ImageSize, Pose, Timestamp, Token};
 
 /// A pose that survives the wire: what reading it once gave.
 pub(crate) fn pose() -> Pose {
@@ -98,6 +98,9 @@ pub(crate) fn messages() -> Vec<Message> {
             viewport: Viewport::Plane,
             frame_hz: 30.0,
             target_kbps: 0,
+            prediction: Prediction::Damped,
+            token: Token::new("sixteen-and-more").unwrap(),
+            adapt: true,
             format: FrameFormat { child_depth: DepthCoding::Relative, ..FrameFormat::exact() },
         }),
         Message::Welcome(Welcome {
@@ -128,12 +131,24 @@ pub(crate) fn messages() -> Vec<Message> {
             sent: at(5),
             spp: 16,
         }),
-        Message::FrameAck(FrameAck { id: FrameId(7), pose_to_ready_micros: 40_000 }),
+        Message::FrameAck(FrameAck {
+            id: FrameId(7),
+            pose_to_ready_micros: 40_000,
+            receive_micros: 9_000,
+            decode_micros: 4_000,
+        }),
         Message::Statistics(Statistics {
             frames_rendered: 10,
             frames_sent: 9,
             frames_replaced: 1,
             poses_ignored: 0,
+            live_micros: 1_000_000,
+            limiters: vec![Limiter {
+                kind: LimiterKind::DecodeTime,
+                is_active: true,
+                active_micros: 250_000,
+                why: "slow".to_owned(),
+            }],
             counters: vec![("rays.primary".to_owned(), 123)],
         }),
         Message::StillRequest(StillRequest {

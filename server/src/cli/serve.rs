@@ -1,12 +1,13 @@
 //! `serve`: sessions of one scene, until the process is told to stop.
 
 use super::{Failure, load_scene};
-use crate::net;
+use crate::net::{self, Identity};
 use crate::service::{DEFAULT_GUARD_DEG, DEFAULT_MAX_DEPTH, Estimator, Service, ServiceOptions, guard_deg};
 use crate::session::SampleBudget;
 use anyhow::{Context, anyhow};
 use clap::Args;
 use std::net::SocketAddr;
+use std::path::PathBuf;
 use std::time::Duration;
 use warplight_protocol::frame::Plan;
 
@@ -19,9 +20,26 @@ pub(super) struct ServeArgs {
     /// Where to listen.
     #[arg(long, value_name = "ADDR", default_value = "127.0.0.1:7420")]
     listen: SocketAddr,
-    /// Listen beyond this machine although nothing is encrypted and nobody is asked who they are.
+    /// Listen beyond this machine although something is missing: TLS, a token, or both.
     #[arg(long)]
     insecure: bool,
+    /// Encrypt, with a certificate that clients know by its fingerprint, which is printed; made anew at each start
+    /// unless it is kept in files.
+    #[arg(long)]
+    tls: bool,
+    /// Keep the certificate in this file (PEM); made where neither it nor the key is there.
+    #[arg(long, value_name = "FILE", requires = "tls", requires = "key")]
+    certificate: Option<PathBuf>,
+    /// Keep the certificate's key in this file (PEM).
+    #[arg(long, value_name = "FILE", requires = "tls", requires = "certificate")]
+    key: Option<PathBuf>,
+    /// Serve only clients that know the token in this file; without it that of the variable WARPLIGHT_TOKEN, if there
+    /// is one.
+    #[arg(long, value_name = "FILE")]
+    token_file: Option<PathBuf>,
+    /// Also tell figures of the sessions, as Prometheus text at http://ADDR/metrics.
+    #[arg(long, value_name = "ADDR")]
+    metrics: Option<SocketAddr>,
     /// Samples per pixel and node of a frame; by default as many as the time budget allows.
     #[arg(long, value_name = "N", conflicts_with = "time_budget_ms", value_parser = clap::value_parser!(u32).range(1..=4096))]
     spp: Option<u32>,
@@ -50,10 +68,29 @@ pub(super) struct ServeArgs {
 
 /// Serves until SIGINT or SIGTERM.
 pub(super) fn run(args: &ServeArgs) -> Result<(), Failure> {
+    let token = net::read_token(args.token_file.as_deref()).context("token").map_err(Failure::input)?;
     if !args.listen.ip().is_loopback() && !args.insecure {
+        let missing = match (args.tls, token.is_none()) {
+            (false, true) => "nothing is encrypted and anyone may connect: expected --tls and --token-file",
+            (false, false) => "nothing is encrypted, the token neither: expected --tls",
+            (true, true) => "anyone may connect: expected --token-file or WARPLIGHT_TOKEN",
+            (true, false) => "",
+        };
+        if !missing.is_empty() {
+            return Err(Failure::input(anyhow!(
+                "--listen {}: beyond loopback {missing}, or a loopback address, or --insecure",
+                args.listen
+            )));
+        }
+    }
+    let identity = match (&args.certificate, &args.key) {
+        (Some(certificate), Some(key)) => Some(Identity::kept(certificate, key)),
+        _ => args.tls.then(Identity::generate),
+    };
+    let identity = identity.transpose().context("--tls").map_err(Failure::input)?;
+    if let Some(address) = args.metrics.filter(|address| !address.ip().is_loopback() && !args.insecure) {
         return Err(Failure::input(anyhow!(
-            "--listen {}: beyond loopback anyone may connect and nothing is encrypted: expected a loopback address, or --insecure",
-            args.listen
+            "--metrics {address}: beyond loopback anyone may read them: expected a loopback address, or --insecure"
         )));
     }
     let scene = load_scene(&args.scene)?;
@@ -82,26 +119,44 @@ pub(super) fn run(args: &ServeArgs) -> Result<(), Failure> {
             .await
             .with_context(|| format!("--listen {}", args.listen))
             .map_err(Failure::input)?;
-        let service =
+        // From here on a signal is heard, also one that comes while the scene is made ready.
+        let stop = stop().context("waiting for signals").map_err(Failure::runtime)?;
+        let mut service =
             Service::new(scene, options).context("starting the rendering threads").map_err(Failure::runtime)?;
-        tracing::info!("serving '{}' at {}", args.scene, args.listen);
+        service.session.token = token;
+        if let Some(address) = args.metrics {
+            let at = crate::metrics::http::serve(address, service.metrics.clone())
+                .with_context(|| format!("--metrics {address}"))
+                .map_err(Failure::input)?;
+            tracing::info!("figures at http://{at}/metrics");
+        }
+        let address = listener.local_addr().unwrap_or(args.listen);
+        tracing::info!("serving '{}' at {address}", args.scene);
+        if let Some(identity) = &identity {
+            tracing::info!("the certificate has the fingerprint {}", identity.fingerprint());
+            println!("{}", identity.fingerprint());
+        }
+        net::serve_until(listener, service, identity, stop).await.context("serving").map_err(Failure::runtime)
+    })
+}
+
+/// Is there when the process is asked to stop.
+#[cfg(unix)]
+fn stop() -> std::io::Result<impl Future<Output = ()>> {
+    use tokio::signal::unix::{SignalKind, signal};
+    let (mut terminate, mut interrupt) = (signal(SignalKind::terminate())?, signal(SignalKind::interrupt())?);
+    Ok(async move {
         tokio::select! {
-            served = net::serve(listener, service) => served.context("serving").map_err(Failure::runtime),
-            stop = stopped() => stop.context("waiting for signals").map_err(Failure::runtime),
+            _ = interrupt.recv() => {}
+            _ = terminate.recv() => {}
         }
     })
 }
 
-/// Returns when the process is asked to stop.
-async fn stopped() -> std::io::Result<()> {
-    #[cfg(unix)]
-    {
-        let mut terminate = tokio::signal::unix::signal(tokio::signal::unix::SignalKind::terminate())?;
-        tokio::select! {
-            interrupt = tokio::signal::ctrl_c() => interrupt,
-            _ = terminate.recv() => Ok(()),
-        }
-    }
-    #[cfg(not(unix))]
-    tokio::signal::ctrl_c().await
+/// Is there when the process is asked to stop.
+#[cfg(not(unix))]
+fn stop() -> std::io::Result<impl Future<Output = ()>> {
+    Ok(async {
+        let _ = tokio::signal::ctrl_c().await;
+    })
 }

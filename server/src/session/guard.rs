@@ -48,12 +48,14 @@ pub(super) struct Guard {
     held_rad_per_s: [f64; 4],
     heard: Option<Timestamp>,
     margins: Margins,
+    /// The last band was as wide as it may be.
+    is_at_most: bool,
 }
 
 impl Guard {
     /// A band of at most `most_rad` on each side; 0 for none.
     pub(super) fn new(most_rad: f64) -> Guard {
-        Guard { most_rad, held_rad_per_s: [0.0; 4], heard: None, margins: Margins::default() }
+        Guard { most_rad, held_rad_per_s: [0.0; 4], heard: None, margins: Margins::default(), is_at_most: false }
     }
 
     /// At `time` the head turns so fast, in its own view.
@@ -74,6 +76,9 @@ impl Guard {
         let (ahead_secs, behind_secs) = (age.saturating_sub(predicted).as_secs_f64(), predicted.as_secs_f64());
         let [left, right, down, up] = self.held_rad_per_s;
         let angle = |towards: f64, away: f64| (towards * ahead_secs).max(away * behind_secs).min(self.most_rad);
+        let wanted = |towards: f64, away: f64| (towards * ahead_secs).max(away * behind_secs);
+        let widest = wanted(left, right).max(wanted(right, left)).max(wanted(down, up)).max(wanted(up, down));
+        self.is_at_most = self.most_rad > 0.0 && widest > self.most_rad;
         let angles = [angle(left, right), angle(right, left), angle(down, up), angle(up, down)];
         let needed = needed_px(display, angles);
         let Margins { left, right, down, up } = self.margins;
@@ -84,6 +89,11 @@ impl Guard {
             up: steady(up, needed.up),
         };
         self.margins
+    }
+
+    /// Whether the last band was not as wide as the head's speed asked for.
+    pub(super) fn is_at_most(&self) -> bool {
+        self.is_at_most
     }
 }
 

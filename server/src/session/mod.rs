@@ -8,37 +8,54 @@
 //! Freshness: a frame is rendered only for a pose that is new; at most [`MAX_UNACKNOWLEDGED`] live frames are
 //! under way; a frame that has not begun to be sent is replaced by the next, never queued behind it.
 
+mod adapt;
+mod allowance;
 mod cost;
+mod delivery;
 mod guard;
+mod limiters;
 mod outbox;
 mod rate;
 
 use crate::march::MediaBounds;
+use crate::metrics::{Metrics, SessionMetrics};
 use crate::pictures::{EncodeJob, RenderedPictures};
-use crate::predict::{Predictor, damped};
+use crate::predict::Predictor;
+use adapt::Adaptation;
+use allowance::Allowance;
 use cost::{BudgetFit, FrameCost};
 use guard::Guard;
+use limiters::Limiters;
 use outbox::Outbox;
 use rate::RateControl;
 use std::collections::VecDeque;
+use std::sync::Arc;
 use std::time::Duration;
 use warplight_protocol::codec::{DecodeError, FrameShape, Limits};
 use warplight_protocol::frame::{
     ColorCoding, ColorFormat, FrameFormat, FrameId, Interfaces, Plan, VolumeFormat, VolumeRange,
 };
 use warplight_protocol::message::{
-    Capabilities, ErrorCode, FrameBegin, FrameEnd, FramePurpose, Hello, Message, PictureMessage, Statistics,
-    StillRequest, Viewport, Welcome,
+    Capabilities, ErrorCode, FrameBegin, FrameEnd, FramePurpose, Hello, LimiterKind, Message, PictureMessage,
+    Statistics, StillRequest, Viewport, Welcome,
 };
 use warplight_protocol::wire::Deframer;
-use warplight_protocol::{Camera, ImageSize, Pose, Timestamp};
+use warplight_protocol::{Camera, ImageSize, Pose, Timestamp, Token};
 
+pub use allowance::{MAX_MESSAGES_PER_SEC, MAX_POSES_PER_SEC};
 pub use outbox::MAX_UNACKNOWLEDGED;
 
 /// A ping after this long without one.
 pub const KEEP_ALIVE: Duration = Duration::from_millis(500);
 /// A peer that says nothing for this long is gone.
 pub const DEAD_PEER: Duration = Duration::from_secs(2);
+/// A client that has not said hello by then never will.
+pub const HANDSHAKE: Duration = Duration::from_secs(5);
+/// A client that answers no ping for so long does not read, though small messages still find room on the way. Long enough
+/// for what a socket holds at 0.5 Mbit/s.
+pub const UNREAD: Duration = Duration::from_secs(10);
+/// Answers to pings that may wait: a client that asks more often does not read.
+const MAX_ANSWERS: usize = 64;
 /// Poses are never predicted further ahead.
 pub const MAX_HORIZON: Duration = Duration::from_millis(100);
 /// Scenes that move are never shown further ahead of the last pose.
@@ -89,6 +106,8 @@ pub struct SessionConfig {
     pub guard_rad: f64,
     /// What the peer may ask for.
     pub limits: Limits,
+    /// What a client has to know; none where anybody is served.
+    pub token: Token,
 }
 
 /// A frame to be rendered and encoded.
@@ -117,6 +136,45 @@ pub enum SessionEnd {
     /// The client said nothing for [`DEAD_PEER`].
     #[error("the client said nothing for 2 s")]
     Silent,
+    /// No hello within [`HANDSHAKE`].
+    #[error("refused: the client did not say hello within 5 s")]
+    NoHello,
+    /// The client does not know the token.
+    #[error("refused: {0}")]
+    Unauthorised(&'static str),
+    /// There are as many sessions as this server takes.
+    #[error("refused: this server has its {0} sessions already")]
+    Busy(usize),
+    /// The client says too much.
+    #[error("refused: more than {per_sec} {what} per second")]
+    Flood {
+        /// Of what.
+        what: &'static str,
+        /// What is allowed.
+        per_sec: u32,
+    },
+    /// The client asks and does not read the answers, or takes nothing for [`DEAD_PEER`].
+    #[error("the client does not read what it is sent")]
+    Unread,
+    /// This end said goodbye.
+    #[error("the server is stopping")]
+    Stopping,
+}
+
+impl SessionEnd {
+    /// What the client is told; nothing where it would not hear, or has ended the session itself.
+    fn message(&self) -> Option<Message> {
+        let code = match self {
+            SessionEnd::Bye | SessionEnd::ByPeer(_) => return None,
+            SessionEnd::Stopping => return Some(Message::Bye),
+            SessionEnd::Decode(error) => return Some(Message::Error { code: error.into(), text: refusal(error) }),
+            SessionEnd::Silent | SessionEnd::NoHello | SessionEnd::Unread => ErrorCode::Timeout,
+            SessionEnd::Unauthorised(_) => ErrorCode::Unauthorised,
+            SessionEnd::Busy(_) => ErrorCode::Busy,
+            SessionEnd::Flood { .. } => ErrorCode::Limit,
+        };
+        Some(Message::Error { code, text: self.to_string() })
+    }
 }
 
 /// The state of one session.
@@ -136,9 +194,16 @@ pub struct ServerSession {
     next_frame_due: Timestamp,
     next_ping: Timestamp,
     last_heard: Timestamp,
+    hello_due: Timestamp,
+    /// The first ping since the last answer.
+    unanswered: Option<Timestamp>,
+    allowance: Allowance,
     latency_secs: f64,
     guard: Guard,
     rate: RateControl,
+    adaptation: Adaptation,
+    limiters: Limiters,
+    work: Work,
     sent: SentBytes,
     /// What a live frame shows where that is everything.
     cube: Camera,
@@ -147,6 +212,7 @@ pub struct ServerSession {
     cost: FrameCost,
     fit: BudgetFit,
     statistics: Statistics,
+    metrics: Option<SessionMetrics>,
 }
 
 /// Of the frame that is being sent.
@@ -155,6 +221,21 @@ struct SentBytes {
     is_live: bool,
     strips: u64,
     pictures: u64,
+}
+
+/// What the last live frame took the server, and what stood in its way.
+#[derive(Clone, Copy, Debug, Default)]
+struct Work {
+    render: Duration,
+    encode: Duration,
+    /// When pictures began to be encoded.
+    encoding_since: Option<Timestamp>,
+    /// From one live frame to the next.
+    beat: Duration,
+    /// It had the fewest samples.
+    has_least_samples: bool,
+    /// A wider frame would have exceeded the limits.
+    is_cut: bool,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -170,9 +251,13 @@ impl ServerSession {
     /// A session whose link has just come up.
     pub fn new(config: SessionConfig, now: Timestamp) -> ServerSession {
         ServerSession {
-            deframer: Deframer::new(config.limits),
+            // No client has strips to send: of what it says nothing is long.
+            deframer: Deframer::new(Limits { strip_bytes: config.limits.control_bytes, ..config.limits }),
             guard: Guard::new(config.guard_rad),
             rate: RateControl::new(0, FrameFormat::default()),
+            adaptation: Adaptation::new(false, now),
+            limiters: Limiters::default(),
+            work: Work::default(),
             sent: SentBytes::default(),
             cube: Camera::symmetric(1.0, ImageSize::new(1, 1)),
             last_begun: None,
@@ -189,11 +274,20 @@ impl ServerSession {
             next_frame_due: now,
             next_ping: now + KEEP_ALIVE,
             last_heard: now,
+            hello_due: now + HANDSHAKE,
+            unanswered: None,
+            allowance: Allowance::new(now),
             latency_secs: 0.0,
             cost: FrameCost::default(),
             fit: BudgetFit::default(),
             statistics: Statistics::default(),
+            metrics: None,
         }
+    }
+
+    /// Notes what happens from now on, also in `metrics`.
+    pub fn set_metrics(&mut self, metrics: Arc<Metrics>) {
+        self.metrics = Some(SessionMetrics::new(metrics));
     }
 
     /// Takes in bytes from the client. Once the session is over they are ignored.
@@ -207,17 +301,40 @@ impl ServerSession {
                 Err(error) => Err(error),
             };
             if let Err(error) = handled {
-                self.outbox.push_control(Message::Error { code: ErrorCode::from(&error), text: refusal(&error) });
-                self.end = Some(SessionEnd::Decode(error));
+                self.close(SessionEnd::Decode(error));
             }
         }
     }
 
+    /// Ends the session and says why, before anything else that waits; the first end counts.
+    pub fn close(&mut self, end: SessionEnd) {
+        if self.end.is_none() {
+            self.outbox.discard_control();
+            self.end.insert(end).message().into_iter().for_each(|message| self.outbox.push_control(message));
+        }
+    }
+
+    /// The link came up at `connected`, and what stands between it and this session took until now: the hello is due as if
+    /// that had taken no time.
+    pub fn connected_at(&mut self, connected: Timestamp) {
+        self.hello_due = connected + HANDSHAKE;
+    }
+
+    /// Whether a hello was accepted and the session is not over.
+    pub fn is_open(&self) -> bool {
+        self.hello.is_some() && self.end.is_none()
+    }
+
     fn on_message(&mut self, now: Timestamp, message: Message) -> Result<(), DecodeError> {
         let expected = |expected| Err(DecodeError::Malformed { field: "order of messages", expected });
+        let poses = if let Message::Poses(samples) = &message { samples.len() } else { 0 };
+        if let Err((what, per_sec)) = self.allowance.take(now, poses) {
+            self.close(SessionEnd::Flood { what, per_sec });
+            return Ok(());
+        }
         match message {
-            Message::Bye => self.end = Some(SessionEnd::Bye),
-            Message::Error { text, .. } => self.end = Some(SessionEnd::ByPeer(text)),
+            Message::Bye => self.close(SessionEnd::Bye),
+            Message::Error { text, .. } => self.close(SessionEnd::ByPeer(text)),
             Message::Hello(_) if self.hello.is_some() => return expected("one hello"),
             Message::Hello(hello) => self.on_hello(now, hello)?,
             _ if self.hello.is_none() => return expected("a hello first"),
@@ -232,6 +349,11 @@ impl ServerSession {
             }
             Message::FrameAck(ack) => {
                 if self.outbox.acknowledge(ack.id) {
+                    if let Some(metrics) = &self.metrics {
+                        metrics.acknowledged(&ack);
+                    }
+                    let wished = self.hello.as_ref().map_or(0.0, |hello| f64::from(hello.target_kbps) * 125.0);
+                    self.adaptation.acknowledged(now, &ack, self.work.beat, wished, &mut self.rate);
                     let measured = Duration::from_micros(u64::from(ack.pose_to_ready_micros)).as_secs_f64();
                     let gain = if self.latency_secs == 0.0 { 1.0 } else { LATENCY_GAIN };
                     self.latency_secs += gain * (measured - self.latency_secs);
@@ -246,8 +368,9 @@ impl ServerSession {
                 }
                 self.stills.push_back(request);
             }
+            Message::Ping(_) if self.outbox.control_messages() >= MAX_ANSWERS => self.close(SessionEnd::Unread),
             Message::Ping(time) => self.outbox.push_control(Message::Pong(time)),
-            Message::Pong(_) => {}
+            Message::Pong(_) => self.unanswered = None,
             Message::Welcome(_)
             | Message::FrameBegin(_)
             | Message::Strip(_)
@@ -261,6 +384,13 @@ impl ServerSession {
     }
 
     fn on_hello(&mut self, now: Timestamp, hello: Hello) -> Result<(), DecodeError> {
+        // Before anything else of it: who is not known learns nothing.
+        if !self.config.token.is_none() && hello.token != self.config.token {
+            let why =
+                if hello.token.is_none() { "this server wants a token" } else { "the token is not this server's" };
+            self.close(SessionEnd::Unauthorised(why));
+            return Ok(());
+        }
         if hello.viewport == Viewport::Cube && !self.config.media.is_empty() {
             let expected = "a plane: this scene has media, whose layers have no cubes";
             return Err(DecodeError::Malformed { field: "viewport", expected });
@@ -270,6 +400,7 @@ impl ServerSession {
             Viewport::Plane => hello.camera,
             Viewport::Cube => self.cube_for(&hello),
         };
+        self.work.is_cut = hello.viewport == Viewport::Cube && self.cube != Camera::cube(&hello.camera, u32::MAX);
         self.fits(&hello, self.cube)?;
         self.outbox.push_control(Message::Welcome(Welcome {
             capabilities: Capabilities::ALL,
@@ -281,7 +412,10 @@ impl ServerSession {
         }));
         self.next_frame_due = now;
         self.rate = RateControl::new(hello.target_kbps, hello.format);
-        self.hello = Some(hello);
+        self.predictor = Predictor::new(hello.prediction);
+        self.adaptation = Adaptation::new(hello.adapt, now);
+        // Compared once, and then not kept.
+        self.hello = Some(Hello { token: Token::NONE, ..hello });
         Ok(())
     }
 
@@ -324,13 +458,17 @@ impl ServerSession {
 
     /// What a live frame shows that is begun after `beat` without one.
     fn live_camera(&mut self, hello: &Hello, beat: Duration, horizon: Duration) -> Camera {
+        let level = self.adaptation.level();
         if hello.viewport == Viewport::Cube {
-            return self.cube;
+            let side = (f64::from(self.cube.size.width) * level.scale).round() as u32;
+            return if level.scale < 1.0 { Camera::cube(&hello.camera, side) } else { self.cube };
         }
+        let display = level.camera(&hello.camera);
         // It is shown until the next one is there, which takes as long as this one did after the last.
         let age = Duration::from_secs_f64(self.latency_secs).min(MAX_SCENE_HORIZON) + beat.min(MAX_SCENE_HORIZON);
-        let wider = hello.camera.widened(self.guard.margins(&hello.camera, age, damped(horizon)));
-        if self.fits(hello, wider).is_ok() { wider } else { hello.camera }
+        let wider = display.widened(self.guard.margins(&display, age, self.predictor.worth(horizon)));
+        self.work.is_cut = self.fits(hello, wider).is_err();
+        if self.work.is_cut { display } else { wider }
     }
 
     /// A still has a camera of its own, and nodes only where they are asked for.
@@ -358,7 +496,7 @@ impl ServerSession {
         let (purpose, pose, horizon, scene_time, samples_per_1024_px) = if self.live_frame_is_due(now) {
             let horizon = Duration::from_secs_f64(self.latency_secs).min(MAX_HORIZON);
             self.rendered_pose = self.predictor.latest_time();
-            let interval = Duration::from_secs_f64(1.0 / f64::from(hello.frame_hz));
+            let interval = Duration::from_secs_f64(1.0 / (f64::from(hello.frame_hz) * self.adaptation.level().rate));
             // Missed beats are not made up for.
             self.next_frame_due =
                 if now.since(self.next_frame_due) > interval { now + interval } else { self.next_frame_due + interval };
@@ -366,8 +504,10 @@ impl ServerSession {
             let latency = Duration::from_secs_f64(self.latency_secs).min(MAX_SCENE_HORIZON);
             let scene_time = self.rendered_pose? + latency;
             let beat = self.last_begun.replace(now).map_or(interval, |last| now.since(last)).max(interval);
+            self.work.beat = beat;
             camera = self.live_camera(&hello, beat, horizon);
             coding = Some(self.rate.begin(now, interval));
+            self.note_limiters(now, &hello);
             let mut pose = self.predictor.predict(horizon)?;
             if hello.viewport == Viewport::Cube {
                 // Faces along the axes of the world: a head that only turns gets the same rays again.
@@ -393,6 +533,7 @@ impl ServerSession {
         let mut shape = still_shape.unwrap_or_else(|| self.shape_for(&hello, purpose, camera, &render_pose));
         if let Some((color_coding, depth)) = coding {
             (shape.format.color_coding, shape.format.depth) = (color_coding, depth);
+            shape.format.volume = self.adaptation.level().volume(shape.format.volume);
         }
         let pixels = shape.camera.size.pixels();
         self.rendering = Some(Rendering { id, is_live, samples_per_1024_px, pixels, end });
@@ -407,6 +548,70 @@ impl ServerSession {
         };
         self.outbox.prepare(begin.clone());
         Some(RenderJob { begin, spp, samples_per_1024_px })
+    }
+
+    /// Notes who limits the live frame that is begun.
+    fn note_limiters(&mut self, now: Timestamp, hello: &Hello) {
+        let asked = Duration::from_secs_f64(1.0 / f64::from(hello.frame_hz));
+        let millis = |duration: Duration| duration.as_secs_f64() * 1e3;
+        let mbps = |bytes_per_s: f64| bytes_per_s * 8e-6;
+        let (level, cause) = (self.adaptation.level(), self.adaptation.cause());
+        let mut given_up = Vec::new();
+        if self.rate.gives_way() {
+            given_up.push("coarser colour and depth".to_owned());
+        }
+        if level.rate < 1.0 {
+            given_up.push(format!("{:.0} % of the frames", 100.0 * level.rate));
+        }
+        if level.scale < 1.0 {
+            given_up.push(format!("{:.0} % of each side", 100.0 * level.scale));
+        }
+        if level.layers < 1.0 && hello.format.volume.layers > 0 && !self.config.media.is_empty() {
+            given_up.push(format!("{:.0} % of the layers", 100.0 * level.layers));
+        }
+        let given_up = given_up.join(", ");
+        let wished = f64::from(hello.target_kbps) * 125.0;
+        let fits_wish = wished == 0.0 || self.adaptation.bytes_per_s().is_some_and(|budget| budget < wished);
+        let mut active = Vec::new();
+        if let Some(carried) = self.adaptation.carried_bytes_per_s()
+            && (cause == Some(LimiterKind::Throughput) || (self.rate.gives_way() && fits_wish))
+        {
+            active.push((LimiterKind::Throughput, format!("the link carries {:.2} Mbit/s: {given_up}", mbps(carried))));
+        }
+        if cause == Some(LimiterKind::DecodeTime) {
+            let decode_ms = 1e3 * self.adaptation.decode_s();
+            let why = format!("the client decodes a frame for {decode_ms:.0} ms: {given_up}");
+            active.push((LimiterKind::DecodeTime, why));
+        }
+        let Work { render, encode, has_least_samples, is_cut, .. } = self.work;
+        let late = |what: &str, took: Duration| {
+            format!("a frame is {what} for {:.0} ms, one every {:.0} ms was asked for", millis(took), millis(asked))
+        };
+        if encode > asked {
+            active.push((LimiterKind::EncodeTime, late("encoded", encode)));
+        }
+        if render > asked || has_least_samples {
+            let few = if has_least_samples { ", with the fewest samples" } else { "" };
+            active.push((LimiterKind::RenderTime, late("rendered", render) + few));
+        }
+        if self.rate.gives_way() && !fits_wish {
+            let why = format!("{:.2} Mbit/s were asked for: {given_up}", mbps(wished));
+            active.push((LimiterKind::Target, why));
+        }
+        if hello.viewport == Viewport::Plane && self.guard.is_at_most() {
+            let why = format!(
+                "the head turns further than {:.0} degrees past the display",
+                self.config.guard_rad.to_degrees()
+            );
+            active.push((LimiterKind::GuardLimit, why));
+        }
+        if is_cut {
+            let pixels = self.config.limits.frame_pixels;
+            active.push((LimiterKind::MemoryLimit, format!("a whole frame would exceed {pixels} pixels or its bytes")));
+        }
+        self.limiters.frame(now, active);
+        self.statistics.live_micros = self.limiters.live().as_micros() as u64;
+        self.statistics.limiters = self.limiters.known().to_vec();
     }
 
     /// A live frame would replace whatever waits to be sent, so it waits itself until a still has left.
@@ -433,6 +638,9 @@ impl ServerSession {
             return;
         };
         rendering.end.encoded = now;
+        if rendering.is_live {
+            self.adaptation.deliveries().ready(frame, now);
+        }
         if self.outbox.push_strip(frame, strip) {
             self.statistics.frames_replaced += 1;
         }
@@ -446,17 +654,21 @@ impl ServerSession {
 
     /// Pictures to encode, of a frame that has begun to be sent and so will not be replaced; to be asked after
     /// [`ServerSession::poll_transmit`].
-    pub fn poll_encode(&mut self) -> Option<EncodeJob> {
+    pub fn poll_encode(&mut self, now: Timestamp) -> Option<EncodeJob> {
         if self.end.is_some() {
             return None;
         }
         let (begin, pictures) = self.outbox.take_rendered()?;
         let ColorCoding::Video { quantiser } = begin.shape.format.color_coding else { return None };
+        self.work.encoding_since = Some(now);
         Some(EncodeJob { frame: begin.id, quantiser, pictures })
     }
 
     /// The pictures of [`ServerSession::poll_encode`] are encoded.
     pub fn on_encoded(&mut self, now: Timestamp, frame: FrameId, pictures: Vec<PictureMessage>) {
+        if let Some(since) = self.work.encoding_since.take() {
+            self.work.encode = now.since(since);
+        }
         self.outbox.push_encoded(now, frame, pictures);
     }
 
@@ -486,6 +698,12 @@ impl ServerSession {
                     );
                 }
             }
+            self.work.render = render_end.since(rendering.end.render_start);
+            if !self.outbox.has_pictures(frame) {
+                self.work.encode = now.since(render_end);
+            }
+            self.work.has_least_samples =
+                matches!(self.config.samples, SampleBudget::Time(_)) && samples <= LEAST_SAMPLES;
             self.statistics.frames_rendered += 1;
         }
         self.statistics.counters = counters;
@@ -504,14 +722,22 @@ impl ServerSession {
         match &message {
             Message::FrameBegin(begin) => {
                 self.sent = SentBytes { is_live: begin.purpose == FramePurpose::Live, ..SentBytes::default() };
+                if self.sent.is_live {
+                    self.adaptation.deliveries().begun(begin.id, now);
+                }
             }
             Message::Strip(strip) => self.sent.strips += strip.bytes.len() as u64,
             Message::Picture(picture) => self.sent.pictures += picture.bytes.len() as u64,
-            Message::FrameEnd(_) => {
+            Message::Ping(time) => self.unanswered = self.unanswered.or(Some(*time)),
+            Message::FrameEnd(end) => {
                 if let SentBytes { is_live: true, strips, pictures } = self.sent {
                     self.rate.took(strips, pictures);
+                    self.adaptation.deliveries().ended(end, strips + pictures);
                 }
                 self.statistics.frames_sent = self.outbox.live_frames_sent();
+                if let (Some(metrics), SentBytes { is_live: true, strips, pictures }) = (&mut self.metrics, self.sent) {
+                    metrics.sent(end, strips + pictures, &self.statistics);
+                }
                 self.outbox.push_control(Message::Statistics(self.statistics.clone()));
             }
             _ => {}
@@ -522,20 +748,35 @@ impl ServerSession {
 
     /// Notices a peer that is gone.
     pub fn on_timeout(&mut self, now: Timestamp) {
-        if self.end.is_none() && now.since(self.last_heard) >= DEAD_PEER {
-            let text = "nothing heard for 2 s".to_owned();
-            self.outbox.push_control(Message::Error { code: ErrorCode::Timeout, text });
-            self.end = Some(SessionEnd::Silent);
+        if now.since(self.last_heard) >= DEAD_PEER {
+            self.close(SessionEnd::Silent);
+        } else if self.unanswered.is_some_and(|ping| now.since(ping) >= UNREAD) {
+            self.close(SessionEnd::Unread);
+        } else if self.hello.is_none() && now >= self.hello_due {
+            self.close(SessionEnd::NoHello);
         }
     }
 
     /// When to ask again, if nothing else happens.
     pub fn next_timeout(&self) -> Timestamp {
         let mut next = self.next_ping.min(self.last_heard + DEAD_PEER);
+        if self.hello.is_none() {
+            next = (self.last_heard + DEAD_PEER).min(self.hello_due);
+        }
         if self.rendering.is_none() && self.predictor.latest_time() > self.rendered_pose {
             next = next.min(self.next_frame_due);
         }
         next
+    }
+
+    /// Totals so far.
+    pub fn statistics(&self) -> &Statistics {
+        &self.statistics
+    }
+
+    /// Bytes of strips and pictures that wait to be sent: of the frame being sent and the one behind it, never of more.
+    pub fn waiting_bytes(&self) -> usize {
+        self.outbox.waiting_bytes()
     }
 
     /// Why the session is over, once it is.

@@ -60,6 +60,15 @@ impl Outbox {
         self.control.push_back(message);
     }
 
+    /// Messages that belong to no frame and wait.
+    pub(super) fn control_messages(&self) -> usize {
+        self.control.len()
+    }
+
+    pub(super) fn discard_control(&mut self) {
+        self.control.clear();
+    }
+
     /// A frame whose strips will follow.
     pub(super) fn prepare(&mut self, begin: FrameBegin) {
         let has_pictures = !begin.shape.pictures().is_empty();
@@ -83,6 +92,11 @@ impl Outbox {
         if let Some(outgoing) = self.of(end.id) {
             outgoing.end = Some(end);
         }
+    }
+
+    /// Whether a frame has pictures that are not encoded yet.
+    pub(super) fn has_pictures(&mut self, frame: FrameId) -> bool {
+        self.of(frame).is_some_and(|outgoing| !matches!(outgoing.pictures, Pictures::Encoded(_)))
     }
 
     /// Keeps the pictures of a rendered frame until it is sent or replaced.
@@ -132,6 +146,16 @@ impl Outbox {
     /// A still waits to be sent.
     pub(super) fn holds_still(&self) -> bool {
         self.pending.as_ref().is_some_and(|pending| !pending.is_live())
+    }
+
+    /// Bytes of encoded planes that wait to be sent.
+    pub(super) fn waiting_bytes(&self) -> usize {
+        let frames = [&self.prepared, &self.pending, &self.sending].into_iter().flatten();
+        let of_pictures = |outgoing: &Outgoing| match &outgoing.pictures {
+            Pictures::Encoded(pictures) => pictures.iter().map(|picture| picture.bytes.len()).sum(),
+            Pictures::Expected | Pictures::Rendered(_) | Pictures::Encoding => 0,
+        };
+        frames.map(|outgoing| outgoing.strips.iter().map(Vec::len).sum::<usize>() + of_pictures(outgoing)).sum()
     }
 
     pub(super) fn live_frames_sent(&self) -> u32 {

@@ -9,7 +9,9 @@
 //! its step doubles. With near-lossless colour a bit per sample is saved wherever the error doubles. Rising is fast and
 //! falling slow, so that a target is kept on average and not only reached. Geometry has what colour leaves, and no less than
 //! half: beyond that the promise about depth gives way, and comes back where there is room. Nothing is ever better than what
-//! the client asked for; colour that must be exact stays exact, whatever the target.
+//! the client asked for; colour that must be exact stays exact, whatever the target it has set. Where the target is what the
+//! link carries ([`super::adapt`]) it gives way too, as a bound on its error, and so do depths; but there is a floor under the
+//! quality, beneath which fewer and smaller frames are better.
 //!
 //! Limits: the model of one frame ago; a cut to another view overdraws once. Cost: nothing measurable.
 
@@ -27,6 +29,10 @@ const PAYBACK: f64 = 0.25;
 const GEOMETRY_SHARE: f64 = 0.5;
 /// How much of its coarseness depth keeps from one frame to the next where there is room.
 const DEPTH_RETURN: f64 = 0.8;
+/// The floor: coarser than this a picture is worse than half as many of them.
+const FLOOR_QUANTISER: u8 = 40;
+/// The same for bounds, in codes.
+const FLOOR_ERROR: u8 = 10;
 /// A frame's share is that of no more than this time: a session that paused has not saved up.
 const LONGEST_BEAT: Duration = Duration::from_secs(1);
 
@@ -34,6 +40,10 @@ const LONGEST_BEAT: Duration = Duration::from_secs(1);
 #[derive(Clone, Debug)]
 pub(super) struct RateControl {
     bytes_per_s: f64,
+    /// Whether the target is what the link carries, and not the client's wish.
+    must_fit: bool,
+    /// Whether there is a floor under the quality.
+    has_floor: bool,
     asked: FrameFormat,
     /// Steps of the quantiser, or halvings of the error, beyond what was asked for.
     coarser: f64,
@@ -51,6 +61,8 @@ impl RateControl {
     pub(super) fn new(target_kbps: u32, asked: FrameFormat) -> RateControl {
         RateControl {
             bytes_per_s: f64::from(target_kbps) * 125.0,
+            must_fit: false,
+            has_floor: false,
             asked,
             coarser: 0.0,
             depth_factor: 1.0,
@@ -59,6 +71,47 @@ impl RateControl {
             income_bytes: 0.0,
             share_bytes: 0.0,
         }
+    }
+
+    /// Aims at so many bytes per second from now on, 0 for as many as are needed: because the link carries no more
+    /// (`must_fit`) or because the client said so. `has_floor` where something else than quality can give way.
+    pub(super) fn aim(&mut self, bytes_per_s: f64, must_fit: bool, has_floor: bool) {
+        (self.bytes_per_s, self.must_fit, self.has_floor) = (bytes_per_s, must_fit, has_floor);
+        if bytes_per_s == 0.0 {
+            (self.coarser, self.depth_factor, self.overdrawn_bytes) = (0.0, 1.0, 0.0);
+        }
+        self.coarser = self.coarser.min(self.most_steps());
+    }
+
+    /// Whether frames are coarser than was asked for.
+    pub(super) fn gives_way(&self) -> bool {
+        self.color_coding() != self.asked.color_coding || self.depth() != self.asked.depth
+    }
+
+    /// How much smaller frames would be if all were given up that may be, at most 1.
+    pub(super) fn smallest(&self) -> f64 {
+        (-(self.most_steps() - self.coarser) / STEPS_PER_HALF).exp2().min(1.0)
+    }
+
+    /// Steps beyond what was asked for that may be taken.
+    fn most_steps(&self) -> f64 {
+        let halvings = |asked: u8, most: u8| {
+            STEPS_PER_HALF * ((2.0 * f64::from(most) + 1.0) / (2.0 * f64::from(asked) + 1.0)).log2().max(0.0)
+        };
+        let (error, quantiser) = match self.has_floor {
+            true => (FLOOR_ERROR, FLOOR_QUANTISER),
+            false => (*ColorCoding::ERRORS.end(), *ColorCoding::QUANTISERS.end()),
+        };
+        match self.asked.color_coding {
+            ColorCoding::Exact if self.may_lose() => halvings(0, error),
+            ColorCoding::Exact => 0.0,
+            ColorCoding::Bounded { error: asked } => halvings(asked, error),
+            ColorCoding::Video { quantiser: asked } => f64::from(quantiser.saturating_sub(asked)),
+        }
+    }
+
+    fn may_lose(&self) -> bool {
+        self.must_fit && ColorCoding::Bounded { error: 1 }.is_valid(self.asked.color)
     }
 
     /// How colour and depth of a frame travel that is begun now, in a session that would like one every `beat`.
@@ -72,10 +125,12 @@ impl RateControl {
 
     fn color_coding(&self) -> ColorCoding {
         match self.asked.color_coding {
-            ColorCoding::Exact => ColorCoding::Exact,
+            ColorCoding::Exact => match self.widened(0) {
+                error if error > 0 && self.may_lose() => ColorCoding::Bounded { error },
+                _ => ColorCoding::Exact,
+            },
             ColorCoding::Bounded { error } => {
-                let width = (2.0 * f64::from(error) + 1.0) * (self.coarser / STEPS_PER_HALF).exp2();
-                let error = ((width - 1.0) * 0.5) as u8;
+                let error = self.widened(error);
                 ColorCoding::Bounded { error: error.clamp(*ColorCoding::ERRORS.start(), *ColorCoding::ERRORS.end()) }
             }
             ColorCoding::Video { quantiser } => {
@@ -85,8 +140,17 @@ impl RateControl {
         }
     }
 
+    /// A bound on errors as wide as is needed now.
+    fn widened(&self, error: u8) -> u8 {
+        let width = (2.0 * f64::from(error) + 1.0) * (self.coarser / STEPS_PER_HALF).exp2();
+        ((width - 1.0) * 0.5 + 1e-9).min(f64::from(*ColorCoding::ERRORS.end())) as u8
+    }
+
     fn depth(&self) -> DepthFormat {
         match self.asked.depth {
+            DepthFormat::Codes { .. } if self.must_fit && self.coarser >= STEPS_PER_HALF => {
+                DepthFormat::Bounded(DepthBound::default())
+            }
             DepthFormat::Bounded(bound) => {
                 let error = (f64::from(bound.error_centi_px) * self.depth_factor).round() as u16;
                 let error_centi_px =
@@ -109,8 +173,7 @@ impl RateControl {
         self.overdrawn_bytes = (self.overdrawn_bytes + color + geometry - self.income_bytes).max(-self.income_bytes);
         let left = (self.share_bytes - geometry).max((1.0 - GEOMETRY_SHARE) * self.share_bytes);
         let steps = STEPS_PER_HALF * (color.max(1.0) / left).log2();
-        let most = f64::from(*ColorCoding::QUANTISERS.end());
-        self.coarser = (self.coarser + steps.clamp(-MOST_STEPS.1, MOST_STEPS.0)).clamp(0.0, most);
+        self.coarser = (self.coarser + steps.clamp(-MOST_STEPS.1, MOST_STEPS.0)).clamp(0.0, self.most_steps());
         let overfull = geometry / (GEOMETRY_SHARE * self.share_bytes).max(1.0);
         let most = f64::from(*DepthBound::ERRORS_CENTI_PX.end());
         self.depth_factor = (self.depth_factor * overfull.clamp(DEPTH_RETURN, 2.0)).clamp(1.0, most);
@@ -204,7 +267,8 @@ mod tests {
         let frames = run(100, ColorCoding::Video { quantiser: 24 }, 200, |_| 1.0);
         let (_, last) = frames[199];
         assert_eq!(last.color_coding, ColorCoding::Video { quantiser: 51 });
-        assert_eq!(last.depth, DepthFormat::Bounded(DepthBound { error_centi_px: 1600, ..DepthBound::default() }));
+        let most = f64::from(*DepthBound::ERRORS_CENTI_PX.end());
+        assert_eq!(depth_factor(last), most / f64::from(DepthBound::default().error_centi_px), "16 px");
         assert!(last.is_valid());
     }
 

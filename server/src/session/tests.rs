@@ -1,7 +1,9 @@
 use super::*;
-use warplight_protocol::message::{FrameAck, PoseSample, VERSION, Viewport};
+use warplight_protocol::message::{FrameAck, PoseSample, Prediction, VERSION, Viewport};
 use warplight_protocol::wire::write_message;
-use warplight_protocol::{Camera, ImageSize};
+use warplight_protocol::{Camera, ImageSize, Token};
+
+mod refusals;
 
 fn config() -> SessionConfig {
     SessionConfig {
@@ -17,6 +19,7 @@ fn config() -> SessionConfig {
         strip_rows: 16,
         guard_rad: 0.0,
         limits: Limits::default(),
+        token: Token::NONE,
     }
 }
 
@@ -29,7 +32,14 @@ fn hello() -> Hello {
         frame_hz: 10.0,
         format: FrameFormat::default(),
         target_kbps: 0,
+        prediction: Prediction::Damped,
+        token: Token::NONE,
+        adapt: false,
     }
+}
+
+fn ack(id: FrameId, pose_to_ready_micros: u32) -> FrameAck {
+    FrameAck { id, pose_to_ready_micros, receive_micros: 0, decode_micros: 0 }
 }
 
 fn at(millis: u64) -> Timestamp {
@@ -106,7 +116,7 @@ fn two_frames_may_be_unacknowledged_and_no_more() {
         }));
     }
     assert_eq!(begun, [FrameId(1), FrameId(2)]);
-    say(&mut session, at(400), Message::FrameAck(FrameAck { id: FrameId(1), pose_to_ready_micros: 50_000 }));
+    say(&mut session, at(400), Message::FrameAck(ack(FrameId(1), 50_000)));
     assert!(
         heard(&mut session, at(400))
             .iter()
@@ -120,7 +130,7 @@ fn the_measured_latency_is_predicted_ahead_up_to_a_tenth_of_a_second() {
     pose(&mut session, at(0));
     render(&mut session, at(0));
     heard(&mut session, at(0));
-    say(&mut session, at(90), Message::FrameAck(FrameAck { id: FrameId(1), pose_to_ready_micros: 60_000 }));
+    say(&mut session, at(90), Message::FrameAck(ack(FrameId(1), 60_000)));
     pose(&mut session, at(100));
     assert_eq!(session.poll_render(at(100)).unwrap().begin.horizon_micros, 60_000);
     session.on_render_end(at(101), FrameId(2), at(101), vec![]);
@@ -265,7 +275,7 @@ fn sizes_of_turning_frames(config: SessionConfig, rad_per_s: f64) -> Vec<Camera>
         session.on_strip(now, job.begin.id, vec![7; 5]);
         session.on_render_end(now, job.begin.id, now, vec![]);
         heard(&mut session, now);
-        say(&mut session, now, Message::FrameAck(FrameAck { id: job.begin.id, pose_to_ready_micros: 60_000 }));
+        say(&mut session, now, Message::FrameAck(ack(job.begin.id, 60_000)));
     }
     cameras
 }
@@ -363,12 +373,12 @@ fn picture(frame: FrameId) -> PictureMessage {
 fn pictures_are_encoded_when_their_frame_is_being_sent_and_stand_before_its_end() {
     let mut session = open_video();
     let frame = render_pictures(&mut session, at(1));
-    assert!(session.poll_encode().is_none(), "nothing of it has left");
+    assert!(session.poll_encode(at(0)).is_none(), "nothing of it has left");
     let messages = heard(&mut session, at(2));
     assert!(matches!(&messages[..], [Message::FrameBegin(_), Message::Strip(_)]), "{messages:?}");
-    let job = session.poll_encode().unwrap();
+    let job = session.poll_encode(at(0)).unwrap();
     assert_eq!((job.frame, job.quantiser), (frame, 30));
-    assert!(session.poll_encode().is_none(), "once");
+    assert!(session.poll_encode(at(0)).is_none(), "once");
     assert!(heard(&mut session, at(3)).is_empty(), "no end without its pictures");
     session.on_encoded(at(4), frame, vec![picture(frame)]);
     let messages = heard(&mut session, at(5));
@@ -395,13 +405,13 @@ fn over_a_slow_link_a_frame_that_is_replaced_was_never_encoded() {
         bytes.clear();
         session.poll_transmit(now, &mut bytes);
         deframer.push(&bytes);
-        if let Some(job) = session.poll_encode() {
+        if let Some(job) = session.poll_encode(at(0)) {
             encoded.push(job.frame);
             session.on_encoded(now, job.frame, vec![picture(job.frame)]);
         }
         if let Some(Message::FrameEnd(end)) = deframer.next_message().unwrap() {
             ended.push(end.id);
-            say(&mut session, now, Message::FrameAck(FrameAck { id: end.id, pose_to_ready_micros: 50_000 }));
+            say(&mut session, now, Message::FrameAck(ack(end.id, 50_000)));
         }
     }
     assert!(session.statistics.frames_replaced > 10, "{:?}", session.statistics);

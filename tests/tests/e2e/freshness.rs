@@ -73,6 +73,7 @@ fn frames_arrive_in_order_and_once() {
         jitter: Duration::from_millis(30),
         rate_bits_per_sec: Some(6e6),
         stall: None,
+        cut: None,
     };
     let mut pair = Pair::new(options(link));
     pair.drive(Duration::from_secs(20));

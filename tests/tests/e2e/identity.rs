@@ -8,11 +8,11 @@ use warplight_client::warp::{Mode, Warper};
 use warplight_protocol::codec::Limits;
 use warplight_protocol::frame::{FrameFormat, Tree, flatten};
 use warplight_protocol::message::{
-    Capabilities, FrameBegin, FrameEnd, Hello, Message, PoseSample, StripMessage, Viewport,
+    Capabilities, FrameBegin, FrameEnd, Hello, Message, PoseSample, Prediction, StripMessage, Viewport,
 };
 use warplight_protocol::tone::display_from_radiance;
 use warplight_protocol::wire::{Deframer, write_message};
-use warplight_protocol::{Camera, ImageSize, Timestamp};
+use warplight_protocol::{Camera, ImageSize, Timestamp, Token};
 use warplight_server::scene::Scene;
 use warplight_server::service::{Service, ServiceOptions};
 use warplight_server::session::{SampleBudget, ServerSession};
@@ -43,8 +43,18 @@ fn sent(camera: Camera, viewport: Viewport) -> Sent {
     let mut bytes = Vec::new();
     let software = "test".to_owned();
     let format = FrameFormat::exact();
-    let hello =
-        Hello { capabilities: Capabilities::ALL, software, camera, viewport, frame_hz: 10.0, format, target_kbps: 0 };
+    let hello = Hello {
+        capabilities: Capabilities::ALL,
+        software,
+        camera,
+        viewport,
+        frame_hz: 10.0,
+        format,
+        target_kbps: 0,
+        prediction: Prediction::default(),
+        token: Token::NONE,
+        adapt: false,
+    };
     write_message(&Message::Hello(hello), &mut bytes);
     write_message(&Message::Poses(vec![PoseSample { time: Timestamp { micros: 1 }, pose: head }]), &mut bytes);
     session.on_bytes(Timestamp::ZERO, &bytes);

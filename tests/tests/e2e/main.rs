@@ -2,7 +2,12 @@
 
 #![allow(clippy::unwrap_used, reason = "all of this is test code, its helpers too")]
 
+mod adaptation;
+mod fates;
 mod freshness;
+mod hostile;
 mod identity;
+mod mutations;
+mod prediction;
 mod programs;
 mod replays;

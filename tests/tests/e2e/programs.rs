@@ -210,8 +210,97 @@ fn a_peer_that_speaks_nonsense_is_told_so_and_others_go_on() {
     silent.set_read_timeout(Some(Duration::from_secs(6))).unwrap();
     let mut answer = Vec::new();
     silent.read_to_end(&mut answer).unwrap();
-    assert!(String::from_utf8_lossy(&answer).contains("nothing heard"));
+    assert!(String::from_utf8_lossy(&answer).contains("said nothing for 2 s"));
 
     let out = tempfile::tempdir().unwrap();
     assert!(replay(&address, "1", out.path()).output().unwrap().status.success());
+}
+
+#[test]
+fn a_probe_says_what_the_link_and_the_server_are_good_for() {
+    let address = free_address();
+    let refused = run("warplight-client", &["probe", &address, "--seconds", "1"]);
+    assert_eq!(refused.status.code(), Some(1), "nobody listens");
+    assert!(String::from_utf8_lossy(&refused.stderr).contains(&address));
+    let _server = Server::start(&address);
+    let probe = |more: &[&str]| {
+        let arguments = [&["probe", &address, "--size", "32x32", "--seconds", "3"], more].concat();
+        let output = run("warplight-client", &arguments);
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        String::from_utf8(output.stdout).unwrap()
+    };
+    let table = probe(&["--frame-hz", "2"]);
+    for word in ["round trip", "jitter", "throughput", "fits"] {
+        assert!(table.contains(word), "{table}");
+    }
+    let found: serde_json::Value = serde_json::from_str(&probe(&["--frame-hz", "1000", "--json"])).unwrap();
+    assert!(found["round_trip_ms"]["count"].as_u64().unwrap() > 5, "{found}");
+    assert!(found["frame_hz"].as_f64().unwrap() > 0.5, "{found}");
+    assert_eq!(found["fits"], false, "poses come at 60 Hz, so 1000 frames per second cannot: {found}");
+}
+
+#[test]
+fn beyond_loopback_takes_tls_and_a_token_or_a_word() {
+    let folder = tempfile::tempdir().unwrap();
+    let token = write(folder.path(), "token", "correct-horse-battery\n");
+    let short = write(folder.path(), "short", "horse\n");
+    let serve = ["serve", "--listen", "0.0.0.0:0"];
+    let with = |more: &[&'static str]| [&serve[..], more].concat();
+    refused("warplight-server", &with(&[]), &["nothing is encrypted", "--tls and --token-file", "--insecure"]);
+    refused("warplight-server", &with(&["--tls"]), &["anyone may connect", "--token-file"]);
+    refused("warplight-server", &[&serve[..], &["--token-file", &token]].concat(), &["nothing is encrypted", "--tls"]);
+    refused("warplight-server", &[&serve[..], &["--tls", "--token-file", &short]].concat(), &["short", "16 to 256"]);
+    let connect = ["replay", "--connect", "127.0.0.1:1", "--token-file"];
+    refused("warplight-client", &[&connect[..], &[&token]].concat(), &["unencrypted", "--fingerprint", "--insecure"]);
+}
+
+/// A server with TLS and a token beyond loopback, a client that knows both and one that knows one: and no log knows the
+/// token.
+#[cfg(unix)]
+#[test]
+fn two_processes_trust_each_other_and_nobody_tells_why() {
+    use std::io::{BufRead, BufReader, Read};
+    let folder = tempfile::tempdir().unwrap();
+    let token = write(folder.path(), "token", "correct-horse-battery\n");
+    let wrong = write(folder.path(), "wrong", "incorrect-horse-battery\n");
+    let address = free_address().replace("127.0.0.1", "0.0.0.0");
+    let kept = [folder.path().join("cert.pem"), folder.path().join("key.pem")];
+    let mut server = Command::new(program("warplight-server"))
+        .args(["serve", "--scene", "cornell", "--spp", "1", "--threads", "1", "--tls", "--listen", &address])
+        .args(["--token-file", &token, "--certificate", kept[0].to_str().unwrap(), "--key", kept[1].to_str().unwrap()])
+        .env("RUST_LOG", "trace")
+        .stdin(Stdio::null())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut stderr = server.stderr.take().unwrap();
+    let log = std::thread::spawn(move || {
+        let mut log = String::new();
+        stderr.read_to_string(&mut log).map(|_| log).unwrap()
+    });
+    let mut fingerprint = String::new();
+    BufReader::new(server.stdout.take().unwrap()).read_line(&mut fingerprint).unwrap();
+    let address = address.replace("0.0.0.0", "127.0.0.1");
+    let client = |token: &str| {
+        let out = tempfile::tempdir().unwrap();
+        replay(&address, "1", out.path())
+            .args(["--fingerprint", fingerprint.trim(), "--token-file", token])
+            .env("RUST_LOG", "trace")
+            .output()
+            .unwrap()
+    };
+    let refused = client(&wrong);
+    let said = String::from_utf8_lossy(&refused.stderr).into_owned();
+    assert!(refused.status.code() == Some(1) && said.contains("the token is not this server's"), "{said}");
+    let served = client(&token);
+    assert!(served.status.success(), "{}", String::from_utf8_lossy(&served.stderr));
+    let id = server.id().to_string();
+    assert!(Command::new("kill").args(["-TERM", &id]).status().unwrap().success());
+    assert_eq!(server.wait().unwrap().code(), Some(0), "a signal is how a server is stopped");
+    let log = log.join().unwrap();
+    assert_eq!(log.matches("refused: the token is not").count(), 1, "{log}");
+    for text in [&log, &said, &String::from_utf8_lossy(&served.stderr).into_owned()] {
+        assert!(!text.contains("horse"), "{text}");
+    }
 }

@@ -5,17 +5,17 @@ use std::time::Duration;
 use warplight_client::display::Optics;
 use warplight_client::link::LinkModel;
 use warplight_client::replay::{Circumstances, ModelledTimes, ReplayPlan, assess, report_from, run_virtual};
-use warplight_client::report::{ClockKind, Report};
+use warplight_client::report::{ClockKind, Link, Report};
 use warplight_client::trace::Trace;
 use warplight_client::warp::{Mode, Normals, Solver};
 use warplight_protocol::frame::{ColorCoding, FrameFormat, VolumeFormat};
-use warplight_protocol::message::Viewport;
+use warplight_protocol::message::{Prediction, Viewport};
 use warplight_protocol::{Camera, ImageSize};
 use warplight_server::scene::Scene;
 use warplight_server::service::{Estimator, Service, ServiceOptions};
 use warplight_server::session::SampleBudget;
 
-fn plan(trace: Trace, seconds: f64, size: ImageSize) -> ReplayPlan {
+pub(super) fn plan(trace: Trace, seconds: f64, size: ImageSize) -> ReplayPlan {
     ReplayPlan {
         duration: Duration::from_secs_f64(seconds.min(trace.duration_secs())),
         trace,
@@ -31,6 +31,9 @@ fn plan(trace: Trace, seconds: f64, size: ImageSize) -> ReplayPlan {
         earlier_frames: 0,
         format: FrameFormat::default(),
         target_kbps: 0,
+        prediction: Prediction::default(),
+        adapt: true,
+        metrics: None,
         quality_every: 40,
         quality_spp: 16,
     }
@@ -42,7 +45,7 @@ fn replay(plan: &ReplayPlan, scene: &str, spp: u32, seed: u64) -> Report {
     replay_over(plan, scene, spp, seed, link)
 }
 
-fn replay_over(plan: &ReplayPlan, scene: &str, spp: u32, seed: u64, link: LinkModel) -> Report {
+pub(super) fn replay_over(plan: &ReplayPlan, scene: &str, spp: u32, seed: u64, link: LinkModel) -> Report {
     let (samples, estimator) = (SampleBudget::Samples(spp), Estimator::default());
     let options = ServiceOptions { samples, estimator, max_depth: 4, seed, ..ServiceOptions::default() };
     let service = Service::new(Scene::load(scene).unwrap(), options).unwrap();
@@ -167,6 +170,30 @@ fn over_a_link_that_is_too_slow_a_video_goes_on() {
     let link = LinkModel { latency, rate_bits_per_sec: Some(4e5), ..LinkModel::default() };
     // A client that lacked a reference would end the session, and with it the replay.
     let report = replay_over(&plan, "gallery", 1, 7, link);
-    assert!(report.link.frames_replaced > 2, "{:?}", report.link);
+    assert!(report.link.frames_unsent > 2, "{:?}", report.link);
     assert!(report.link.frames_shown > 5, "{:?}", report.link);
+}
+
+#[test]
+fn a_replay_goes_on_over_a_link_that_is_cut_and_every_frame_has_a_fate() {
+    let mut plan = plan(Trace::built_in(), 6.0, ImageSize::new(32, 32));
+    plan.quality_every = 0;
+    let latency = Duration::from_millis(20);
+    let cut = Some((Duration::from_millis(2500), Duration::from_millis(1500)));
+    let link = LinkModel { latency, cut, rate_bits_per_sec: Some(4e6), ..LinkModel::default() };
+    let report = replay_over(&plan, "cornell", 1, 7, link);
+    assert_eq!(report.link.reconnects, 1);
+    assert_eq!((report.display.frames, report.display.missed), (360, 0), "the display goes on");
+    let Link { frames_sent, frames_shown, frames_replaced, frames_lost, .. } = report.link;
+    assert_eq!(frames_sent, frames_shown + frames_replaced + frames_lost);
+    assert!(frames_shown > 30, "{:?}", report.link);
+    // It is as old as the cut is long, and a reconnection, and fresh again at the end.
+    let ages = &report.series.display.frame_age_ms;
+    let oldest = ages.iter().flatten().copied().fold(0.0, f64::max);
+    assert!(oldest > 1500.0 && oldest < 2900.0, "{oldest} ms");
+    assert!(ages[ages.len() - 30..].iter().flatten().all(|&age| age < 400.0), "{ages:?}");
+    let prediction = &report.prediction;
+    let (at_horizon, unpredicted) = (prediction.at_horizon_deg.unwrap(), prediction.unpredicted_deg.unwrap());
+    assert!(at_horizon.mean < unpredicted.mean, "{at_horizon:?} {unpredicted:?}");
+    assert_eq!(report.to_json().unwrap(), replay_over(&plan, "cornell", 1, 7, link).to_json().unwrap());
 }

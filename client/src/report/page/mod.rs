@@ -61,8 +61,11 @@ pub fn page(input: PageInput<'_>) -> io::Result<String> {
         warnings(report),
         pictures::section(input.pictures)?,
         section("Image quality", &[plots::quality(report), tables::quality(report), tables::nodes(report)]),
-        section("Latency and prediction", &[plots::latency(report), tables::latency(report)]),
-        section("Bandwidth and work", &[plots::bandwidth(report), tables::link_and_work(report)]),
+        section("Latency and prediction", &[plots::latency(report), tables::spikes(report), tables::latency(report)]),
+        section(
+            "Bandwidth and work",
+            &[plots::bandwidth(report), tables::limits(report), tables::link_and_work(report)],
+        ),
         footer(report),
     ];
     Ok(format!(
@@ -229,6 +232,8 @@ mod tests {
         report.trace = hostile.into();
         report.effects = vec![hostile.into()];
         report.warnings = vec![hostile.into()];
+        report.limits[0].why = hostile.into();
+        report.spikes.listed[0].interval = hostile.into();
         report.counters.insert(hostile.into(), 1);
         report.link.planes.insert(hostile.into(), 99_999_999);
         report.latency_ms.stages.insert(hostile.into(), report.latency_ms.stages["render"]);
@@ -257,6 +262,8 @@ mod tests {
         report.latency_ms.stages.clear();
         report.prediction.error_deg = None;
         report.prediction.error_mm = None;
+        report.spikes = crate::report::Spikes::default();
+        report.limits.clear();
         report.quality.clear();
         report.counters.clear();
         report.link = crate::report::Link::default();

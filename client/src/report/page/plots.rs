@@ -76,9 +76,22 @@ pub(super) fn latency(report: &Report) -> String {
         x_label: "time, s",
         y_label: "age, ms",
         from_zero: true,
-        lines: vec![Line { name: "frame age".into(), points: over_time(&display.frame_age_ms) }],
+        lines: [Line { name: "frame age".into(), points: over_time(&display.frame_age_ms) }]
+            .into_iter()
+            .chain(spikes(report))
+            .collect(),
     };
     grid(&[distribution.to_html(), frame_age.to_html()])
+}
+
+/// Frames whose age is a spike, as strokes from zero; nothing where there are none.
+fn spikes(report: &Report) -> Option<Line> {
+    let of_age = report.spikes.listed.iter().filter(|spike| spike.delay == "frame age");
+    let stroke = |spike: &crate::report::Spike| {
+        [(spike.time_s, Some(0.0)), (spike.time_s, Some(spike.ms)), (spike.time_s, None)]
+    };
+    let points: Vec<_> = of_age.flat_map(stroke).collect();
+    (!points.is_empty()).then(|| Line { name: "spikes, when first shown".into(), points })
 }
 
 /// Bytes per plane, and the size of every frame over time.

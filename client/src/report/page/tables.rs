@@ -2,7 +2,7 @@
 
 use super::html::{bytes, count, escaped, figure, table};
 use crate::measure::{Interval, Percentiles};
-use crate::report::Report;
+use crate::report::{Report, Spike};
 
 /// Image error of every mode.
 pub(super) fn quality(report: &Report) -> String {
@@ -111,6 +111,34 @@ pub(super) fn latency(report: &Report) -> String {
     )
 }
 
+/// The largest spikes in words.
+pub(super) fn spikes(report: &Report) -> String {
+    /// More would be a page of their own; `report.json` has them.
+    const MOST: usize = 12;
+    let spikes = &report.spikes;
+    if spikes.listed.is_empty() {
+        return String::new();
+    }
+    let mut largest: Vec<&Spike> = spikes.listed.iter().collect();
+    largest.sort_by(|a, b| (b.ms / b.median_ms).total_cmp(&(a.ms / a.median_ms)));
+    largest.truncate(MOST);
+    largest.sort_by(|a, b| a.time_s.total_cmp(&b.time_s));
+    let items: String = largest.iter().map(|spike| format!("<li>{}</li>", escaped(&spike.in_words()))).collect();
+    let (frames, refreshes) = (count(spikes.frame_age), count(spikes.motion_to_photon));
+    format!(
+        "<h3>Spikes</h3>\n<p>{frames} frame(s) and {refreshes} refresh(es) took more than three times the median.</p>\n\
+         <ul>{items}</ul>\n"
+    )
+}
+
+/// Why frames were less than was asked for.
+pub(super) fn limits(report: &Report) -> String {
+    let row =
+        |limit: &crate::report::Limit| vec![escaped(&limit.name), figure(100.0 * limit.share), escaped(&limit.why)];
+    let rows: Vec<Vec<String>> = report.limits.iter().map(row).collect();
+    table("What kept frames from being what was asked for", &["Limit", "Time, %", "Why"], &rows)
+}
+
 /// What went over the link, and what the server did for it.
 pub(super) fn link_and_work(report: &Report) -> String {
     format!("<div class=\"tables\">\n<div>{}</div>\n<div>{}</div></div>\n", link(report), counters(report))
@@ -124,7 +152,9 @@ fn link(report: &Report) -> String {
         vec!["mean rate down".into(), format!("{} Mbit/s", figure(link.down_mbps))],
         vec!["frames sent".into(), count(link.frames_sent)],
         vec!["frames shown".into(), count(link.frames_shown)],
-        vec!["frames replaced by a newer one".into(), count(link.frames_replaced)],
+        vec!["replaced by a newer one before shown".into(), count(link.frames_replaced)],
+        vec!["lost with the connection".into(), count(link.frames_lost)],
+        vec!["replaced by a newer one before sent".into(), count(link.frames_unsent)],
         vec!["reconnections".into(), count(link.reconnects)],
     ];
     let modelled =
@@ -152,10 +182,18 @@ fn viewport(report: &Report) -> String {
 /// How well the head pose was predicted.
 fn prediction(report: &Report) -> String {
     let prediction = &report.prediction;
-    let errors = [("angle, degrees", prediction.error_deg), ("position, mm", prediction.error_mm)];
+    let errors = [
+        ("when first shown, degrees", prediction.error_deg),
+        ("when first shown, mm", prediction.error_mm),
+        ("at the horizon, degrees", prediction.at_horizon_deg),
+        ("at the horizon, mm", prediction.at_horizon_mm),
+        ("at the horizon if not predicted, degrees", prediction.unpredicted_deg),
+        ("at the horizon if not predicted, mm", prediction.unpredicted_mm),
+    ];
     let rows: Vec<Vec<String>> =
         errors.into_iter().filter_map(|(name, spread)| Some(row(name.into(), spread?))).collect();
-    let caption = format!("Head prediction error, {} ms ahead", figure(prediction.horizon_ms));
+    let law = escaped(&prediction.law);
+    let caption = format!("Head prediction error, {} ms ahead, law {law}", figure(prediction.horizon_ms));
     table(&caption, &["Error", "p50", "p95", "p99", "max", "Samples"], &rows)
 }
 
@@ -185,6 +223,15 @@ mod tests {
         let html = nodes(&report);
         assert_eq!(html.matches("scope=\"row\"").count(), report.specular.nodes.len());
         assert!(html.contains("solver frozen-distance, normals transmitted"));
+    }
+
+    #[test]
+    fn spikes_and_limits_are_told_in_words() {
+        let report = sample::report();
+        assert!(spikes(&report).contains("render took 121 ms, 102 more than usual"), "{}", spikes(&report));
+        assert!(limits(&report).contains("the link carries 4.10 Mbit/s"));
+        let nothing = Report { spikes: Default::default(), limits: vec![], ..report };
+        assert_eq!(spikes(&nothing) + &limits(&nothing), "");
     }
 
     #[test]

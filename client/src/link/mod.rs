@@ -1,8 +1,13 @@
-//! A modelled link, one direction: delay, jitter, rate and stalls, seeded, in virtual time.
+//! A modelled link, one direction: delay, jitter, rate, stalls and a cut, seeded, in virtual time.
 //!
-//! Like TCP it loses and reorders nothing: what is late delays what is behind it. Like a socket with a small
+//! Like TCP it reorders nothing, and loses nothing but by a cut, which ends the connection (`route`): what is late delays
+//! what is behind it. Like a socket with a small
 //! buffer it takes no more than `BUFFER` ahead of what it has put on the wire, so that whoever sends
 //! decides late what to send.
+
+mod route;
+
+pub use route::{Change, Route};
 
 use rand_pcg::Pcg32;
 use rand_pcg::rand_core::Rng;
@@ -24,6 +29,21 @@ pub struct LinkModel {
     pub rate_bits_per_sec: Option<f64>,
     /// Every `.0` the link stands still for `.1`.
     pub stall: Option<(Duration, Duration)>,
+    /// After `.0` the link is cut for `.1`.
+    pub cut: Option<(Duration, Duration)>,
+}
+
+impl LinkModel {
+    /// When the link is cut and when it is back.
+    fn cut_times(&self) -> Option<(Timestamp, Timestamp)> {
+        let (at, length) = self.cut?;
+        let start = Timestamp::ZERO + at;
+        Some((start, start + length))
+    }
+
+    fn is_cut(&self, now: Timestamp) -> bool {
+        self.cut_times().is_some_and(|(start, end)| start <= now && now < end)
+    }
 }
 
 /// One direction of a link.
@@ -34,6 +54,7 @@ pub struct Link {
     wire_free: Timestamp,
     last_arrival: Timestamp,
     in_flight: VecDeque<(Timestamp, Vec<u8>)>,
+    lost: Vec<Vec<u8>>,
     bytes: u64,
 }
 
@@ -46,6 +67,7 @@ impl Link {
             wire_free: Timestamp::ZERO,
             last_arrival: Timestamp::ZERO,
             in_flight: VecDeque::new(),
+            lost: Vec::new(),
             bytes: 0,
         }
     }
@@ -68,9 +90,24 @@ impl Link {
         let uniform = f64::from(self.random.next_u32()) / f64::from(u32::MAX) * 2.0 - 1.0;
         let delay_secs = self.model.latency.as_secs_f64() + uniform * self.model.jitter.as_secs_f64();
         let arrival = self.wire_free + Duration::from_secs_f64(delay_secs.max(0.0));
-        self.last_arrival = self.last_arrival.max(arrival);
         self.bytes += bytes.len() as u64;
+        let arrival = self.last_arrival.max(arrival);
+        if self.model.cut_times().is_some_and(|(cut, back)| now < back && arrival >= cut) {
+            self.lost.push(bytes);
+            return;
+        }
+        self.last_arrival = arrival;
         self.in_flight.push_back((self.last_arrival, bytes));
+    }
+
+    /// The connection is gone, and with it all that is under way.
+    fn lose_all(&mut self) {
+        self.lost.extend(self.in_flight.drain(..).map(|(_, bytes)| bytes));
+    }
+
+    /// What was written and will not arrive, in order, since this was asked last.
+    pub fn take_lost(&mut self) -> Vec<Vec<u8>> {
+        std::mem::take(&mut self.lost)
     }
 
     /// The end of the stall that `time` falls into, or `time`.

@@ -1,0 +1,9 @@
+//! Whatever a client says and whenever: the server's session never panics, never hangs, says only what the protocol knows and
+//! holds no more than its limits.
+
+#![no_main]
+
+use libfuzzer_sys::fuzz_target;
+use warplight_tests::hostile;
+
+fuzz_target!(|script: &[u8]| hostile::server_script(script));
