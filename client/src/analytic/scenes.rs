@@ -71,7 +71,7 @@ impl AnalyticScene {
         [AnalyticScene::TiltedMirror, AnalyticScene::ChromeBall, AnalyticScene::Water, AnalyticScene::GlassBall];
 
     /// Name in reports and on the command line.
-    pub fn name(self) -> &'static str {
+    pub const fn name(self) -> &'static str {
         match self {
             AnalyticScene::TiltedMirror => "mirror",
             AnalyticScene::ChromeBall => "chrome-ball",

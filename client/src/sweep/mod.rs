@@ -18,7 +18,6 @@ mod write;
 
 pub use write::{table, write_files};
 
-use crate::analytic::AnalyticScene;
 use crate::trace::Trace;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -124,13 +123,8 @@ impl Sweep {
 /// Says how many of how many steps are done.
 pub type Progress<'a> = &'a mut dyn FnMut(u64, u64);
 
-/// What a knob turns: settings of the surface warp on scenes in closed form, of volumes on scenes with media, or of the
-/// codec on live frames along a trace.
-enum Settings {
-    Surface(fn(&Request<'_>) -> Vec<settings::Setting>),
-    Volume(fn(&Request<'_>) -> Vec<volume::Setting>),
-    Stream(fn(&Request<'_>) -> Vec<stream::Setting>),
-}
+/// Measures the settings of a knob on one scene.
+type Measure = fn(&Request<'_>, &str, Progress<'_>) -> Result<Vec<Point>, SweepError>;
 
 /// Something that can be turned.
 pub struct Knob {
@@ -140,53 +134,48 @@ pub struct Knob {
     pub about: &'static str,
     /// What a smaller error is paid with.
     pub cost: Cost,
-    settings: Settings,
+    /// Unit of the error.
+    pub metric: &'static str,
+    /// Scenes it is turned on.
+    pub scenes: &'static [&'static str],
+    /// Whether any other scene will do, too.
+    pub takes_any: bool,
+    measure: Measure,
 }
 
-const fn surface(
-    name: &'static str,
-    about: &'static str,
-    cost: Cost,
-    settings: fn(&Request<'_>) -> Vec<settings::Setting>,
-) -> Knob {
-    Knob { name, about, cost, settings: Settings::Surface(settings) }
+/// A knob of the surface warp, on scenes in closed form.
+const fn surface(name: &'static str, about: &'static str, cost: Cost, measure: Measure) -> Knob {
+    Knob { name, about, cost, metric: "deg", scenes: &surface::SCENES, takes_any: false, measure }
 }
 
-const fn volume(
-    name: &'static str,
-    about: &'static str,
-    cost: Cost,
-    settings: fn(&Request<'_>) -> Vec<volume::Setting>,
-) -> Knob {
-    Knob { name, about, cost, settings: Settings::Volume(settings) }
+/// A knob of volumes, on scenes with media.
+const fn volume(name: &'static str, about: &'static str, cost: Cost, measure: Measure) -> Knob {
+    Knob { name, about, cost, metric: "DSSIM", scenes: &volume::SCENES, takes_any: true, measure }
 }
 
-const fn stream(
-    name: &'static str,
-    about: &'static str,
-    cost: Cost,
-    settings: fn(&Request<'_>) -> Vec<stream::Setting>,
-) -> Knob {
-    Knob { name, about, cost, settings: Settings::Stream(settings) }
+/// A knob of the codec, on live frames along a trace.
+const fn stream(name: &'static str, about: &'static str, cost: Cost, measure: Measure) -> Knob {
+    Knob { name, about, cost, metric: "FLIP", scenes: &stream::SCENES, takes_any: true, measure }
 }
 
 /// All knobs.
+#[rustfmt::skip] // A table: a row each.
 pub const KNOBS: &[Knob] = &[
-    surface("solver", "how pictures of children are searched", Cost::Time, settings::solvers),
-    surface("steps", "steps of the solvers that have them", Cost::Time, settings::steps),
-    surface("normals", "where normals come from, and their bits", Cost::Bytes, settings::normals),
-    surface("depth-bits", "bits of depth, of root and of children", Cost::Bytes, settings::depth_bits),
-    surface("depth-coding", "what the depth of children measures", Cost::Bytes, settings::depth_codings),
-    surface("frame-age", "milliseconds a head has moved since", Cost::None, settings::frame_ages),
-    surface("head-translation", "centimetres a head has moved", Cost::None, settings::head_translations),
-    volume("layers", "segments of a pixel's volume, and how they are cut", Cost::Bytes, volume::layers),
-    volume("angle", "degrees a head has gone around, by method and layers", Cost::None, volume::angles),
-    volume("density", "factor on the extinction, by method", Cost::None, volume::densities),
-    volume("volume-compression", "bits of the planes of layers", Cost::Bytes, volume::compressions),
-    stream("color", "how colour travels", Cost::Bytes, stream::colors),
-    stream("depth-bound", "what is promised about depth, in displayed pixels", Cost::Bytes, stream::depth_bounds),
-    stream("child-bound", "how much coarser depths of children may be", Cost::Bytes, stream::child_bounds),
-    stream("zstd-level", "effort of the general compressor", Cost::Time, stream::zstd_levels),
+    surface("solver", "how pictures of children are searched", Cost::Time, |r, s, p| surface::measure(r, s, &settings::solvers(r), p)),
+    surface("steps", "steps of the solvers that have them", Cost::Time, |r, s, p| surface::measure(r, s, &settings::steps(r), p)),
+    surface("normals", "where normals come from, and their bits", Cost::Bytes, |r, s, p| surface::measure(r, s, &settings::normals(r), p)),
+    surface("depth-bits", "bits of depth, of root and of children", Cost::Bytes, |r, s, p| surface::measure(r, s, &settings::depth_bits(r), p)),
+    surface("depth-coding", "what the depth of children measures", Cost::Bytes, |r, s, p| surface::measure(r, s, &settings::depth_codings(r), p)),
+    surface("frame-age", "milliseconds a head has moved since", Cost::None, |r, s, p| surface::measure(r, s, &settings::frame_ages(r), p)),
+    surface("head-translation", "centimetres a head has moved", Cost::None, |r, s, p| surface::measure(r, s, &settings::head_translations(r), p)),
+    volume("layers", "segments of a pixel's volume, and how they are cut", Cost::Bytes, |r, s, p| volume::measure(r, s, &volume::layers(r), p)),
+    volume("angle", "degrees a head has gone around, by method and layers", Cost::None, |r, s, p| volume::measure(r, s, &volume::angles(r), p)),
+    volume("density", "factor on the extinction, by method", Cost::None, |r, s, p| volume::measure(r, s, &volume::densities(r), p)),
+    volume("volume-compression", "bits of the planes of layers", Cost::Bytes, |r, s, p| volume::measure(r, s, &volume::compressions(r), p)),
+    stream("color", "how colour travels", Cost::Bytes, |r, s, p| stream::measure(r, s, &stream::colors(r), p)),
+    stream("depth-bound", "what is promised about depth, in displayed pixels", Cost::Bytes, |r, s, p| stream::measure(r, s, &stream::depth_bounds(r), p)),
+    stream("child-bound", "how much coarser depths of children may be", Cost::Bytes, |r, s, p| stream::measure(r, s, &stream::child_bounds(r), p)),
+    stream("zstd-level", "effort of the general compressor", Cost::Time, |r, s, p| stream::measure(r, s, &stream::zstd_levels(r), p)),
 ];
 
 /// Why there is no sweep.
@@ -231,39 +220,6 @@ impl Knob {
         KNOBS.iter().find(|knob| knob.name == name).ok_or_else(unknown)
     }
 
-    /// Unit of the error.
-    pub fn metric(&self) -> &'static str {
-        match self.settings {
-            Settings::Surface(_) => "deg",
-            Settings::Volume(_) => "DSSIM",
-            Settings::Stream(_) => "FLIP",
-        }
-    }
-
-    /// Scenes it is turned on.
-    pub fn scenes(&self) -> Vec<&'static str> {
-        match self.settings {
-            Settings::Surface(_) => AnalyticScene::SWEPT.map(AnalyticScene::name).to_vec(),
-            Settings::Volume(_) => volume::SCENES.to_vec(),
-            Settings::Stream(_) => stream::SCENES.to_vec(),
-        }
-    }
-
-    /// Measures its points on a scene.
-    fn measure(&self, request: &Request<'_>, scene: &str, progress: Progress<'_>) -> Result<Vec<Point>, SweepError> {
-        match self.settings {
-            Settings::Surface(settings) => surface::measure(request, scene, &settings(request), progress),
-            Settings::Volume(settings) => {
-                let mut points = volume::measure(request, scene, &settings(request), progress)?;
-                if let Some(folder) = request.planes {
-                    points.extend(volume::measure_elsewhere(request, scene, folder)?);
-                }
-                Ok(points)
-            }
-            Settings::Stream(settings) => stream::measure(request, scene, &settings(request), progress),
-        }
-    }
-
     /// Turns the knob on one scene, or on all it can be turned on; one of volumes or of the codec on any other scene, too.
     ///
     /// # Errors
@@ -274,22 +230,20 @@ impl Knob {
         scene: Option<&str>,
         progress: &mut dyn FnMut(&str, u64, u64),
     ) -> Result<Sweep, SweepError> {
-        let known = self.scenes();
-        let takes_any = !matches!(self.settings, Settings::Surface(_));
         let scenes: Vec<&str> = match scene {
-            None => known,
-            Some(scene) if takes_any || known.contains(&scene) => vec![scene],
+            None => self.scenes.to_vec(),
+            Some(scene) if self.takes_any || self.scenes.contains(&scene) => vec![scene],
             Some(scene) => {
-                let (expected, found) = (known.join(", "), scene.to_owned());
+                let (expected, found) = (self.scenes.join(", "), scene.to_owned());
                 return Err(SweepError::UnknownScene { knob: self.name, expected, found });
             }
         };
         let mut points = Vec::new();
         let mut resumes = Vec::new();
         for scene in &scenes {
-            let mut curve = self.measure(request, scene, &mut |done, all| progress(scene, done, all))?;
+            let mut curve = (self.measure)(request, scene, &mut |done, all| progress(scene, done, all))?;
             pareto::mark(&mut curve, self.cost);
-            resumes.push(pareto::resume(&curve, self.cost, self.metric()));
+            resumes.push(pareto::resume(&curve, self.cost, self.metric));
             points.extend(curve);
         }
         let resume = match (&scenes[..], &resumes[..]) {
@@ -304,7 +258,7 @@ impl Knob {
             schema: SCHEMA,
             knob: self.name.to_owned(),
             scene: scene.unwrap_or("all").to_owned(),
-            metric: self.metric().to_owned(),
+            metric: self.metric.to_owned(),
             cost: self.cost,
             size: [request.size.width, request.size.height],
             runs: request.runs,

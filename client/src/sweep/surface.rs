@@ -27,6 +27,14 @@ struct Times {
     whole_ms: Vec<f64>,
 }
 
+/// Those swept, in the order of [`AnalyticScene::SWEPT`].
+pub(super) const SCENES: [&str; 4] = [
+    AnalyticScene::SWEPT[0].name(),
+    AnalyticScene::SWEPT[1].name(),
+    AnalyticScene::SWEPT[2].name(),
+    AnalyticScene::SWEPT[3].name(),
+];
+
 /// Measures settings on a scene.
 pub(super) fn measure(
     request: &Request<'_>,

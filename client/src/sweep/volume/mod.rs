@@ -12,7 +12,6 @@ use super::surface::median_and_spread;
 use super::{Point, Progress, Request, SweepError};
 use crate::loopback::ReceivedFrame;
 use crate::march::Marcher;
-pub(super) use elsewhere::measure as measure_elsewhere;
 pub(super) use settings::{Setting, angles, compressions, densities, layers};
 use std::collections::BTreeMap;
 use study::{Background, PictureError, Study};
@@ -32,8 +31,21 @@ struct Shown<'a> {
     march_ms: Vec<f64>,
 }
 
-/// Measures settings on a scene.
+/// Measures settings on a scene, and, where there is a folder of planes, what other codecs made of them.
 pub(super) fn measure(
+    request: &Request<'_>,
+    scene: &str,
+    settings: &[Setting],
+    progress: Progress<'_>,
+) -> Result<Vec<Point>, SweepError> {
+    let mut points = measure_here(request, scene, settings, progress)?;
+    if let Some(folder) = request.planes {
+        points.extend(elsewhere::measure(request, scene, folder)?);
+    }
+    Ok(points)
+}
+
+fn measure_here(
     request: &Request<'_>,
     scene: &str,
     settings: &[Setting],
