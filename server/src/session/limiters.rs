@@ -4,9 +4,10 @@
 //! the frame that is begun smaller, coarser, later or narrower than the client's hello asks for; several may be. Time counts
 //! from one live frame to the next.
 
+use super::{ServerSession, Work};
 use std::time::Duration;
 use warplight_protocol::Timestamp;
-use warplight_protocol::message::{Limiter, LimiterKind};
+use warplight_protocol::message::{Hello, Limiter, LimiterKind, Viewport};
 
 /// A gap between two frames counts as this much at most: nobody was limited while nobody asked.
 const LONGEST_GAP: Duration = Duration::from_secs(1);
@@ -48,6 +49,72 @@ impl Limiters {
     /// Time from the first live frame to the last.
     pub(super) fn live(&self) -> Duration {
         self.live
+    }
+}
+
+impl ServerSession {
+    /// Notes who limits the live frame that is begun.
+    pub(super) fn note_limiters(&mut self, now: Timestamp, hello: &Hello) {
+        let asked = Duration::from_secs_f64(1.0 / f64::from(hello.frame_hz));
+        let millis = |duration: Duration| duration.as_secs_f64() * 1e3;
+        let mbps = |bytes_per_s: f64| bytes_per_s * 8e-6;
+        let (level, cause) = (self.adaptation.level(), self.adaptation.cause());
+        let mut given_up = Vec::new();
+        if self.rate.gives_way() {
+            given_up.push("coarser colour and depth".to_owned());
+        }
+        if level.rate < 1.0 {
+            given_up.push(format!("{:.0} % of the frames", 100.0 * level.rate));
+        }
+        if level.scale < 1.0 {
+            given_up.push(format!("{:.0} % of each side", 100.0 * level.scale));
+        }
+        if level.layers < 1.0 && hello.format.volume.layers > 0 && !self.config.media.is_empty() {
+            given_up.push(format!("{:.0} % of the layers", 100.0 * level.layers));
+        }
+        let given_up = given_up.join(", ");
+        let wished = f64::from(hello.target_kbps) * 125.0;
+        let fits_wish = wished == 0.0 || self.adaptation.bytes_per_s().is_some_and(|budget| budget < wished);
+        let mut active = Vec::new();
+        if let Some(carried) = self.adaptation.carried_bytes_per_s()
+            && (cause == Some(LimiterKind::Throughput) || (self.rate.gives_way() && fits_wish))
+        {
+            active.push((LimiterKind::Throughput, format!("the link carries {:.2} Mbit/s: {given_up}", mbps(carried))));
+        }
+        if cause == Some(LimiterKind::DecodeTime) {
+            let decode_ms = 1e3 * self.adaptation.decode_s();
+            let why = format!("the client decodes a frame for {decode_ms:.0} ms: {given_up}");
+            active.push((LimiterKind::DecodeTime, why));
+        }
+        let Work { render, encode, has_least_samples, is_cut, .. } = self.work;
+        let late = |what: &str, took: Duration| {
+            format!("a frame is {what} for {:.0} ms, one every {:.0} ms was asked for", millis(took), millis(asked))
+        };
+        if encode > asked {
+            active.push((LimiterKind::EncodeTime, late("encoded", encode)));
+        }
+        if render > asked || has_least_samples {
+            let few = if has_least_samples { ", with the fewest samples" } else { "" };
+            active.push((LimiterKind::RenderTime, late("rendered", render) + few));
+        }
+        if self.rate.gives_way() && !fits_wish {
+            let why = format!("{:.2} Mbit/s were asked for: {given_up}", mbps(wished));
+            active.push((LimiterKind::Target, why));
+        }
+        if hello.viewport == Viewport::Plane && self.guard.is_at_most() {
+            let why = format!(
+                "the head turns further than {:.0} degrees past the display",
+                self.config.guard_rad.to_degrees()
+            );
+            active.push((LimiterKind::GuardLimit, why));
+        }
+        if is_cut {
+            let pixels = self.config.limits.frame_pixels;
+            active.push((LimiterKind::MemoryLimit, format!("a whole frame would exceed {pixels} pixels or its bytes")));
+        }
+        self.limiters.frame(now, active);
+        self.statistics.live_micros = self.limiters.live().as_micros() as u64;
+        self.statistics.limiters = self.limiters.known().to_vec();
     }
 }
 

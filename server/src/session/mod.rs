@@ -10,14 +10,15 @@
 
 mod adapt;
 mod allowance;
+mod config;
 mod cost;
 mod delivery;
+mod end;
 mod guard;
 mod limiters;
 mod outbox;
 mod rate;
 
-use crate::march::MediaBounds;
 use crate::metrics::{Metrics, SessionMetrics};
 use crate::pictures::{EncodeJob, RenderedPictures};
 use crate::predict::Predictor;
@@ -31,18 +32,18 @@ use rate::RateControl;
 use std::collections::VecDeque;
 use std::sync::Arc;
 use std::time::Duration;
-use warplight_protocol::codec::{DecodeError, FrameShape, Limits};
-use warplight_protocol::frame::{
-    ColorCoding, ColorFormat, FrameFormat, FrameId, Interfaces, Plan, VolumeFormat, VolumeRange,
-};
+use warplight_protocol::codec::{DecodeError, Limits};
+use warplight_protocol::frame::{ColorCoding, FrameFormat, FrameId};
 use warplight_protocol::message::{
-    Capabilities, ErrorCode, FrameBegin, FrameEnd, FramePurpose, Hello, LimiterKind, Message, PictureMessage,
-    Statistics, StillRequest, Viewport, Welcome,
+    Capabilities, FrameBegin, FrameEnd, FramePurpose, Hello, Message, PictureMessage, Statistics, StillRequest,
+    Viewport, Welcome,
 };
 use warplight_protocol::wire::Deframer;
 use warplight_protocol::{Camera, ImageSize, Pose, Timestamp, Token};
 
 pub use allowance::{MAX_MESSAGES_PER_SEC, MAX_POSES_PER_SEC};
+pub use config::{RenderJob, SampleBudget, SessionConfig};
+pub use end::SessionEnd;
 pub use outbox::MAX_UNACKNOWLEDGED;
 
 /// A ping after this long without one.
@@ -69,113 +70,6 @@ const LATENCY_GAIN: f64 = 0.2;
 const PIXELS_PER_UNIT: f64 = 1024.0;
 /// Fewest samples per 1024 pixels, so that light is still followed where time is short.
 const LEAST_SAMPLES: f64 = PIXELS_PER_UNIT / 64.0;
-
-/// How many samples each pixel of a live frame gets.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum SampleBudget {
-    /// Always so many.
-    Samples(u32),
-    /// As many as fit into this time, going by what the last frame cost.
-    Time(Duration),
-}
-
-/// What a session serves.
-#[derive(Clone, Debug)]
-pub struct SessionConfig {
-    /// Name of the scene.
-    pub scene: String,
-    /// Effects that it calls for.
-    pub effects: Vec<String>,
-    /// Where a person stands in it.
-    pub head: Pose,
-    /// Factor on radiance before display.
-    pub exposure: f32,
-    /// Nodes of its live frames.
-    pub plan: Plan,
-    /// Its optical boundaries.
-    pub interfaces: Interfaces,
-    /// Where its media are.
-    pub media: MediaBounds,
-    /// Samples of a live frame.
-    pub samples: SampleBudget,
-    /// Most samples of a still.
-    pub max_still_spp: u32,
-    /// Rows per strip.
-    pub strip_rows: u16,
-    /// How much more than the display a live frame shows at most, on each side.
-    pub guard_rad: f64,
-    /// What the peer may ask for.
-    pub limits: Limits,
-    /// What a client has to know; none where anybody is served.
-    pub token: Token,
-}
-
-/// A frame to be rendered and encoded.
-#[derive(Clone, Debug)]
-pub struct RenderJob {
-    /// Its head, as it will be sent.
-    pub begin: FrameBegin,
-    /// Samples per pixel, rounded up.
-    pub spp: u32,
-    /// The same as a fraction: a frame from the cache may have less than one per pixel.
-    pub samples_per_1024_px: u32,
-}
-
-/// Why a session is over.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum SessionEnd {
-    /// The client said goodbye.
-    #[error("the client left")]
-    Bye,
-    /// The client reported an error.
-    #[error("the client ended the session: {0}")]
-    ByPeer(String),
-    /// The client sent what it must not.
-    #[error("{0}")]
-    Decode(#[from] DecodeError),
-    /// The client said nothing for [`DEAD_PEER`].
-    #[error("the client said nothing for 2 s")]
-    Silent,
-    /// No hello within [`HANDSHAKE`].
-    #[error("refused: the client did not say hello within 5 s")]
-    NoHello,
-    /// The client does not know the token.
-    #[error("refused: {0}")]
-    Unauthorised(&'static str),
-    /// There are as many sessions as this server takes.
-    #[error("refused: this server has its {0} sessions already")]
-    Busy(usize),
-    /// The client says too much.
-    #[error("refused: more than {per_sec} {what} per second")]
-    Flood {
-        /// Of what.
-        what: &'static str,
-        /// What is allowed.
-        per_sec: u32,
-    },
-    /// The client asks and does not read the answers, or takes nothing for [`DEAD_PEER`].
-    #[error("the client does not read what it is sent")]
-    Unread,
-    /// This end said goodbye.
-    #[error("the server is stopping")]
-    Stopping,
-}
-
-impl SessionEnd {
-    /// What the client is told; nothing where it would not hear, or has ended the session itself.
-    fn message(&self) -> Option<Message> {
-        let code = match self {
-            SessionEnd::Bye | SessionEnd::ByPeer(_) => return None,
-            SessionEnd::Stopping => return Some(Message::Bye),
-            SessionEnd::Decode(error) => return Some(Message::Error { code: error.into(), text: refusal(error) }),
-            SessionEnd::Silent | SessionEnd::NoHello | SessionEnd::Unread => ErrorCode::Timeout,
-            SessionEnd::Unauthorised(_) => ErrorCode::Unauthorised,
-            SessionEnd::Busy(_) => ErrorCode::Busy,
-            SessionEnd::Flood { .. } => ErrorCode::Limit,
-        };
-        Some(Message::Error { code, text: self.to_string() })
-    }
-}
 
 /// The state of one session.
 #[derive(Debug)]
@@ -364,7 +258,7 @@ impl ServerSession {
             }
             Message::StillRequest(request) => {
                 if let Some(hello) = &self.hello {
-                    self.shape_of_still(hello, &request).check(&self.config.limits)?;
+                    self.config.shape_of_still(hello, &request).check(&self.config.limits)?;
                 }
                 self.stills.push_back(request);
             }
@@ -395,13 +289,13 @@ impl ServerSession {
             let expected = "a plane: this scene has media, whose layers have no cubes";
             return Err(DecodeError::Malformed { field: "viewport", expected });
         }
-        self.fits(&hello, hello.camera)?;
+        self.config.fits(&hello, hello.camera)?;
         self.cube = match hello.viewport {
             Viewport::Plane => hello.camera,
-            Viewport::Cube => self.cube_for(&hello),
+            Viewport::Cube => self.config.cube_for(&hello),
         };
         self.work.is_cut = hello.viewport == Viewport::Cube && self.cube != Camera::cube(&hello.camera, u32::MAX);
-        self.fits(&hello, self.cube)?;
+        self.config.fits(&hello, self.cube)?;
         self.outbox.push_control(Message::Welcome(Welcome {
             capabilities: Capabilities::ALL,
             software: concat!("warplight-server ", env!("CARGO_PKG_VERSION")).to_owned(),
@@ -419,43 +313,6 @@ impl ServerSession {
         Ok(())
     }
 
-    fn shape_for(&self, hello: &Hello, purpose: FramePurpose, camera: Camera, pose: &Pose) -> FrameShape {
-        let no_layers = VolumeFormat { layers: 0, ..hello.format.volume };
-        let still_format = FrameFormat {
-            color: ColorFormat::Half,
-            color_coding: ColorCoding::Exact,
-            volume: no_layers,
-            ..hello.format
-        };
-        let live_format =
-            if self.config.media.is_empty() { FrameFormat { volume: no_layers, ..hello.format } } else { hello.format };
-        let (plan, interfaces, format) = match purpose {
-            FramePurpose::Live => (self.config.plan.clone(), self.config.interfaces.clone(), live_format),
-            FramePurpose::Still(_) => (Plan::diffuse(), Interfaces::default(), still_format),
-        };
-        let exposure = self.config.exposure;
-        let volume = if format.volume.layers > 0 { self.config.media.range(pose) } else { VolumeRange::default() };
-        FrameShape { camera, plan, interfaces, format, volume, strip_rows: self.config.strip_rows, exposure }
-    }
-
-    /// Whether a live frame of this camera is within the limits.
-    fn fits(&self, hello: &Hello, camera: Camera) -> Result<(), DecodeError> {
-        self.shape_for(hello, FramePurpose::Live, camera, &Pose::IDENTITY).check(&self.config.limits)
-    }
-
-    /// The cube around the display, with coarser pixels where its own would exceed the limits.
-    fn cube_for(&self, hello: &Hello) -> Camera {
-        let mut camera = Camera::cube(&hello.camera, u32::MAX);
-        while self.fits(hello, camera).is_err() {
-            let smaller = Camera::cube(&hello.camera, camera.size.width.saturating_sub(1));
-            if smaller == camera {
-                break;
-            }
-            camera = smaller;
-        }
-        camera
-    }
-
     /// What a live frame shows that is begun after `beat` without one.
     fn live_camera(&mut self, hello: &Hello, beat: Duration, horizon: Duration) -> Camera {
         let level = self.adaptation.level();
@@ -467,21 +324,8 @@ impl ServerSession {
         // It is shown until the next one is there, which takes as long as this one did after the last.
         let age = Duration::from_secs_f64(self.latency_secs).min(MAX_SCENE_HORIZON) + beat.min(MAX_SCENE_HORIZON);
         let wider = display.widened(self.guard.margins(&display, age, self.predictor.worth(horizon)));
-        self.work.is_cut = self.fits(hello, wider).is_err();
+        self.work.is_cut = self.config.fits(hello, wider).is_err();
         if self.work.is_cut { display } else { wider }
-    }
-
-    /// A still has a camera of its own, and nodes only where they are asked for.
-    fn shape_of_still(&self, hello: &Hello, still: &StillRequest) -> FrameShape {
-        let purpose = FramePurpose::Still(still.number);
-        let mut shape = self.shape_for(hello, purpose, still.camera, &still.pose);
-        if still.with_nodes {
-            let live = self.shape_for(hello, FramePurpose::Live, still.camera, &still.pose);
-            (shape.format.volume, shape.volume) = (live.format.volume, live.volume);
-            shape.plan.clone_from(&self.config.plan);
-            shape.interfaces.clone_from(&self.config.interfaces);
-        }
-        shape
     }
 
     /// The next frame to render, if one is due and none is being rendered. Live frames go before stills.
@@ -517,7 +361,7 @@ impl ServerSession {
         } else if self.outbox.is_idle() {
             let still = self.stills.pop_front()?;
             let spp = still.spp.clamp(1, self.config.max_still_spp);
-            still_shape = Some(self.shape_of_still(&hello, &still));
+            still_shape = Some(self.config.shape_of_still(&hello, &still));
             (FramePurpose::Still(still.number), still.pose, Duration::ZERO, still.scene_time, spp.saturating_mul(1024))
         } else {
             return None;
@@ -530,7 +374,7 @@ impl ServerSession {
         let pose_received = if is_live { self.pose_received } else { now };
         let spp = samples_per_1024_px.div_ceil(1024);
         let end = FrameEnd { id, pose_received, render_start: now, render_end: now, encoded: now, sent: now, spp };
-        let mut shape = still_shape.unwrap_or_else(|| self.shape_for(&hello, purpose, camera, &render_pose));
+        let mut shape = still_shape.unwrap_or_else(|| self.config.shape_for(&hello, purpose, camera, &render_pose));
         if let Some((color_coding, depth)) = coding {
             (shape.format.color_coding, shape.format.depth) = (color_coding, depth);
             shape.format.volume = self.adaptation.level().volume(shape.format.volume);
@@ -548,70 +392,6 @@ impl ServerSession {
         };
         self.outbox.prepare(begin.clone());
         Some(RenderJob { begin, spp, samples_per_1024_px })
-    }
-
-    /// Notes who limits the live frame that is begun.
-    fn note_limiters(&mut self, now: Timestamp, hello: &Hello) {
-        let asked = Duration::from_secs_f64(1.0 / f64::from(hello.frame_hz));
-        let millis = |duration: Duration| duration.as_secs_f64() * 1e3;
-        let mbps = |bytes_per_s: f64| bytes_per_s * 8e-6;
-        let (level, cause) = (self.adaptation.level(), self.adaptation.cause());
-        let mut given_up = Vec::new();
-        if self.rate.gives_way() {
-            given_up.push("coarser colour and depth".to_owned());
-        }
-        if level.rate < 1.0 {
-            given_up.push(format!("{:.0} % of the frames", 100.0 * level.rate));
-        }
-        if level.scale < 1.0 {
-            given_up.push(format!("{:.0} % of each side", 100.0 * level.scale));
-        }
-        if level.layers < 1.0 && hello.format.volume.layers > 0 && !self.config.media.is_empty() {
-            given_up.push(format!("{:.0} % of the layers", 100.0 * level.layers));
-        }
-        let given_up = given_up.join(", ");
-        let wished = f64::from(hello.target_kbps) * 125.0;
-        let fits_wish = wished == 0.0 || self.adaptation.bytes_per_s().is_some_and(|budget| budget < wished);
-        let mut active = Vec::new();
-        if let Some(carried) = self.adaptation.carried_bytes_per_s()
-            && (cause == Some(LimiterKind::Throughput) || (self.rate.gives_way() && fits_wish))
-        {
-            active.push((LimiterKind::Throughput, format!("the link carries {:.2} Mbit/s: {given_up}", mbps(carried))));
-        }
-        if cause == Some(LimiterKind::DecodeTime) {
-            let decode_ms = 1e3 * self.adaptation.decode_s();
-            let why = format!("the client decodes a frame for {decode_ms:.0} ms: {given_up}");
-            active.push((LimiterKind::DecodeTime, why));
-        }
-        let Work { render, encode, has_least_samples, is_cut, .. } = self.work;
-        let late = |what: &str, took: Duration| {
-            format!("a frame is {what} for {:.0} ms, one every {:.0} ms was asked for", millis(took), millis(asked))
-        };
-        if encode > asked {
-            active.push((LimiterKind::EncodeTime, late("encoded", encode)));
-        }
-        if render > asked || has_least_samples {
-            let few = if has_least_samples { ", with the fewest samples" } else { "" };
-            active.push((LimiterKind::RenderTime, late("rendered", render) + few));
-        }
-        if self.rate.gives_way() && !fits_wish {
-            let why = format!("{:.2} Mbit/s were asked for: {given_up}", mbps(wished));
-            active.push((LimiterKind::Target, why));
-        }
-        if hello.viewport == Viewport::Plane && self.guard.is_at_most() {
-            let why = format!(
-                "the head turns further than {:.0} degrees past the display",
-                self.config.guard_rad.to_degrees()
-            );
-            active.push((LimiterKind::GuardLimit, why));
-        }
-        if is_cut {
-            let pixels = self.config.limits.frame_pixels;
-            active.push((LimiterKind::MemoryLimit, format!("a whole frame would exceed {pixels} pixels or its bytes")));
-        }
-        self.limiters.frame(now, active);
-        self.statistics.live_micros = self.limiters.live().as_micros() as u64;
-        self.statistics.limiters = self.limiters.known().to_vec();
     }
 
     /// A live frame would replace whatever waits to be sent, so it waits itself until a still has left.
@@ -782,17 +562,6 @@ impl ServerSession {
     /// Why the session is over, once it is.
     pub fn end(&self) -> Option<&SessionEnd> {
         self.end.as_ref()
-    }
-}
-
-/// What a refused client is told: in words, and for a version with both versions.
-fn refusal(error: &DecodeError) -> String {
-    match error {
-        DecodeError::Unsupported { field: "protocol version", found } => format!(
-            "this server speaks version {} of the Warplight protocol, the client version {found}: install the same release at both ends",
-            warplight_protocol::message::VERSION
-        ),
-        error => error.to_string(),
     }
 }
 

@@ -1,5 +1,7 @@
 use super::*;
-use warplight_protocol::message::{FrameAck, PoseSample, Prediction, VERSION, Viewport};
+use crate::march::MediaBounds;
+use warplight_protocol::frame::{ColorFormat, Interfaces, Plan};
+use warplight_protocol::message::{ErrorCode, FrameAck, PoseSample, Prediction, VERSION, Viewport};
 use warplight_protocol::wire::write_message;
 use warplight_protocol::{Camera, ImageSize, Token};
 

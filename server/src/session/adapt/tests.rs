@@ -2,9 +2,11 @@
 //! coding say.
 
 use super::super::*;
+use crate::march::MediaBounds;
 use std::collections::BTreeMap;
-use warplight_protocol::frame::DepthFormat;
-use warplight_protocol::message::{FrameAck, PoseSample, Prediction};
+use warplight_protocol::codec::FrameShape;
+use warplight_protocol::frame::{DepthFormat, Interfaces, Plan, VolumeFormat};
+use warplight_protocol::message::{FrameAck, LimiterKind, PoseSample, Prediction};
 use warplight_protocol::wire::write_message;
 use warplight_protocol::{Camera, ImageSize};
 
