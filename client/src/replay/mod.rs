@@ -135,7 +135,7 @@ impl ReplayPlan {
 #[derive(Debug, thiserror::Error)]
 pub enum ReplayError {
     /// No session could be opened, or one ended for good.
-    #[error("{0}")]
+    #[error(transparent)]
     Session(#[from] SessionEnd),
     /// The server could not be reached.
     #[error("{address}: {source}")]
@@ -149,7 +149,7 @@ pub enum ReplayError {
     #[error("no frame arrived within {0:?}")]
     NoFrame(Duration),
     /// A picture could not be encoded.
-    #[error("{0}")]
+    #[error(transparent)]
     Video(#[from] warplight_protocol::video::VideoError),
     /// An image metric could not be computed.
     #[error("image metric: {0}")]
