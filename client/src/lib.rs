@@ -6,6 +6,7 @@
 
 pub mod analytic;
 pub mod assemble;
+pub mod budget;
 pub mod cli;
 pub mod display;
 pub mod embedded;
@@ -18,6 +19,9 @@ pub mod net;
 pub mod replay;
 pub mod report;
 pub mod session;
+#[cfg(test)]
+#[path = "../../protocol/src/stability.rs"]
+mod stability;
 pub mod sweep;
 pub mod trace;
 pub mod warp;

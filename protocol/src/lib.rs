@@ -4,6 +4,7 @@
 //! This crate does no input or output and reads no clock: bytes are pushed in, messages come out, and
 //! every instant is an argument. `docs/wire-format.md` holds the byte tables.
 
+pub mod budget;
 pub mod camera;
 pub mod codec;
 pub mod curvature;
@@ -11,6 +12,8 @@ pub mod frame;
 pub mod message;
 pub mod optics;
 pub mod pose;
+#[cfg(test)]
+mod stability;
 pub mod time;
 pub mod tone;
 pub mod trust;

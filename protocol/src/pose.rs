@@ -205,7 +205,9 @@ const fn mask(bits: usize) -> u64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::stability::bound;
     use proptest::prelude::*;
+    use std::f64::consts::PI;
 
     fn any_pose(reach_m: f64) -> impl Strategy<Value = Pose> {
         let coordinate = -reach_m..reach_m;
@@ -220,15 +222,17 @@ mod tests {
             })
     }
 
-    proptest! {
-        /// numerics: our own pose format, 0.01 mm and 1e-4 degrees at 10 km.
-        #[test]
-        fn wire_pose_is_exact_ten_kilometres_away(pose in any_pose(10_000.0)) {
-            let back = Pose::from_wire(&pose.to_wire().unwrap()).unwrap();
-            prop_assert!((back.position - pose.position).length() < 1e-6);
-            prop_assert!(back.angle_to(&pose).to_degrees() < 1e-6);
-        }
+    /// Turns of all kinds, spread evenly; close to half a turn and to none too.
+    fn turns() -> impl Iterator<Item = DQuat> {
+        let near = [0.0, 1e-12, 1e-6, PI - 1e-9, PI].map(|angle| DQuat::from_axis_angle(DVec3::Y, angle));
+        let spread = (0..20_000).map(|step| {
+            let turn = f64::from(step) * 0.37;
+            DQuat::from_euler(glam::EulerRot::YXZ, turn, turn * 0.3, turn * 0.1)
+        });
+        near.into_iter().chain(spread)
+    }
 
+    proptest! {
         #[test]
         fn any_bytes_give_a_valid_pose_or_none(bytes in prop::array::uniform25(any::<u8>())) {
             if let Some(pose) = Pose::from_wire(&bytes) {
@@ -245,54 +249,63 @@ mod tests {
         }
     }
 
-    /// numerics: twelve half floats at 1, 10, 100, 1000 m; their spacing is the cost that is shown.
+    /// The cost of twelve half floats is their spacing: half of it is what they may be off by, and for a rotation 2^-11 of
+    /// each of two axes.
     #[test]
-    fn half_floats_lose_what_their_spacing_says() {
-        let spacing_m = [(1.0, 1e-3), (10.0, 8e-3), (100.0, 6.3e-2), (1000.0, 0.5)];
-        for (distance, spacing) in spacing_m {
-            let mut worst_angle = 0.0_f64;
-            for step in 0..500 {
-                let turn = f64::from(step) * 0.37;
-                let pose = Pose {
-                    position: DVec3::new(distance * 1.234_56, -distance * 0.777_7, distance * 1.01),
-                    orientation: DQuat::from_euler(glam::EulerRot::YXZ, turn, turn * 0.3, turn * 0.1),
-                };
+    fn stability_pose_on_the_wire() {
+        let half_spacing_m = [(1.0, 2.0_f64.powi(-11)), (10.0, 2.0_f64.powi(-8)), (100.0, 1.0 / 32.0), (1000.0, 0.25)];
+        let names =
+            ["half floats at 1 m, m", "half floats at 10 m, m", "half floats at 100 m, m", "half floats at 1 km, m"];
+        let most = (2.0_f64.sqrt() * 2.0_f64.powi(-11)).to_degrees();
+        let mut half_turn = bound!("pose on the wire", "half floats, degrees", most);
+        for ((distance, half_spacing), name) in half_spacing_m.into_iter().zip(names) {
+            let mut half = bound!("pose on the wire", name, half_spacing);
+            for orientation in turns() {
+                // Below the next power of two, above which the spacing doubles.
+                let position = distance * DVec3::new(1.014_56, -0.777_7, 1.01);
+                let pose = Pose { position, orientation };
                 let back = Pose::from_half_matrix(&pose.to_half_matrix()).unwrap();
-                assert!((back.position - pose.position).abs().max_element() <= spacing);
-                worst_angle = worst_angle.max(back.angle_to(&pose).to_degrees());
+                half.see((back.position - pose.position).abs().max_element(), distance);
+                half_turn.see(back.angle_to(&pose).to_degrees(), orientation);
             }
-            assert!((0.005..0.03).contains(&worst_angle), "{worst_angle} deg");
+        }
+        let mut own = bound!("pose on the wire", "own format at 10 km, m", 1e-5);
+        let mut own_turn = bound!("pose on the wire", "own format, degrees", 1e-4);
+        for (step, orientation) in turns().enumerate() {
+            let part = |per_step: f64| 2.0 * (step as f64 * per_step).fract() - 1.0;
+            let position = 10_000.0 * DVec3::new(part(0.618_034), part(0.754_878), part(0.569_840));
+            let pose = Pose { position, orientation };
+            let back = Pose::from_wire(&pose.to_wire().unwrap()).unwrap();
+            own.see((back.position - pose.position).length(), position);
+            own_turn.see(back.angle_to(&pose).to_degrees(), orientation);
         }
     }
 
-    /// numerics: pose algebra, a million small increments.
     #[test]
-    fn a_million_increments_stay_orthonormal() {
-        let step =
-            Pose { position: DVec3::ZERO, orientation: DQuat::from_euler(glam::EulerRot::YXZ, 1e-4, 2e-4, -1e-4) };
-        let mut pose = Pose::IDENTITY;
-        for _ in 0..1_000_000 {
-            pose.orientation *= step.orientation;
-        }
-        assert!((pose.orientation.length() - 1.0).abs() < 1e-6);
-        let m = DMat3::from_quat(pose.orientation);
-        assert!((m * m.transpose() - DMat3::IDENTITY).to_cols_array().iter().all(|e| e.abs() < 1e-6));
-    }
+    fn stability_pose_algebra() {
+        let mut orthonormal = bound!("pose algebra", "orthonormality after 1e6 increments", 1e-6);
+        let step = DQuat::from_euler(glam::EulerRot::YXZ, 1e-4, 2e-4, -1e-4);
+        let composed = (0..1_000_000).fold(DQuat::IDENTITY, |orientation, _| orientation * step);
+        let m = DMat3::from_quat(composed);
+        let errors = (m * m.transpose() - DMat3::IDENTITY).to_cols_array();
+        errors.into_iter().chain([composed.length() - 1.0]).for_each(|error| orthonormal.see(error.abs(), composed));
 
-    /// numerics: pose algebra, 0, pi, and q against -q.
-    #[test]
-    fn the_sign_of_a_quaternion_makes_no_jump() {
+        let mut angle_of = bound!("pose algebra", "angle between poses of either sign, rad", 1e-9);
+        let mut way = bound!("pose algebra", "interpolation off its share of the way, rad", 1e-6);
+        let mut logarithm = bound!("pose algebra", "logarithm of the exponential, rad", 1e-9);
         let a = Pose::IDENTITY;
-        for angle in [0.0, 1e-12, 1e-6, 1.0, std::f64::consts::PI - 1e-9, std::f64::consts::PI] {
+        for angle in [0.0, 1e-12, 1e-9, 1e-6, 1.0, PI - 1e-6, PI - 1e-9, PI] {
             let b = Pose { position: DVec3::ZERO, orientation: DQuat::from_axis_angle(DVec3::Y, angle) };
             let flipped = Pose { orientation: -b.orientation, ..b };
-            assert!((a.angle_to(&b) - angle).abs() < 1e-9);
-            assert!((a.angle_to(&flipped) - angle).abs() < 1e-9);
-            assert!(b.angle_to(&flipped) < 1e-9);
-            for t in [0.0, 0.3, 1.0] {
-                let between = a.interpolate(&b, t);
+            angle_of.see((a.angle_to(&b) - angle).abs(), angle);
+            angle_of.see((a.angle_to(&flipped) - angle).abs(), angle);
+            angle_of.see(b.angle_to(&flipped), angle);
+            let turn = scaled_axis(DQuat::from_scaled_axis(DVec3::Y * angle));
+            logarithm.see((turn.length() - angle).abs(), angle);
+            for (to, t) in [0.0, 0.3, 1.0].into_iter().flat_map(|t| [(&b, t), (&flipped, t)]) {
+                let between = a.interpolate(to, t);
                 assert!(between.is_valid());
-                assert!((between.angle_to(&a) - t * angle).abs() < 1e-6);
+                way.see((between.angle_to(&a) - t * angle).abs(), format!("{angle} {t}"));
             }
         }
     }

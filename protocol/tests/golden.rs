@@ -7,14 +7,15 @@
 mod fixed;
 
 use fixed::{framed, hex, messages, shape, strips, tree};
-use warplight_protocol::codec::StripDecoder;
+use warplight_protocol::codec::{StripDecoder, StripEncoder};
+use warplight_protocol::frame::ColorFormat;
 use warplight_protocol::message::MessageKind;
 
 const MESSAGES: [(MessageKind, &str); 14] = [
     (
         MessageKind::Hello,
         "\
-        7d00000001574152500500070000000600000000000000636c69656e740400000003000000000080bf0000803f000040\
+        7d00000001574152500600070000000600000000000000636c69656e740400000003000000000080bf0000803f000040\
         bf0000403f00000000000000000000f0410100000000000000000000001010000000000c0800020000000c0a01000000\
         00000000020000001000000000000000\
         7369787465656e2d616e642d6d6f726501",
@@ -82,6 +83,24 @@ const FIRST_STRIP: &str = "\
         00009aa632000000a4570003e1a43f0011000000000f000000030000800000a45700fe34ed68df200012be47003f1900\
         000028b52ffd20188500005001009500000000000000010032c002";
 
+const SRGB8_STRIP: &str = "\
+        000002000a0002000000402100000028b52ffd2018c10000ed664a3c000000004b19110d000000006620493b00000000\
+        0003000000401100000028b52ffd2010450000100100010032c0020004000000000b000000080a880000000080051e00\
+        000500000000170000000b00088807008289f6096d0d00088807008289f6096d0d0101000000000b000000080a880000\
+        000080051e000102000000401d00000028b52ffd2018a50000600000b2003300590000000000020060e0011001010300\
+        00e0401900000028b52ffd201081000000000000000001000000000000000000001000000000150000000b0008ac0050\
+        00009aa632000000a4570003e1a43f0011000000000f000000030000800000a45700fe34ed68df200012be47003f1900\
+        000028b52ffd20188500005001009500000000000000010032c002";
+const RGB9E5_STRIP: &str = "\
+        000002000a0002000000403300000028b52ffd20305501003402ff008080000000003e040003000000007f003f400080\
+        7f00000000010000000000000001000fc0040003000000401100000028b52ffd2010450000100100010032c002000400\
+        0000000b000000080a880000000080051e00000500000000170000000b00088807008289f6096d0d00088807008289f6\
+        096d0d0101000000000b000000080a880000000080051e000102000000402400000028b52ffd2030dd00009000003400\
+        37009900010067000200000000000514000318634c0401030000e0401900000028b52ffd201081000000000000000001\
+        000000000000000000001000000000150000000b0008ac005000009aa632000000a4570003e1a43f0011000000000f00\
+        0000030000800000a45700fe34ed68df200012be47003f1900000028b52ffd2018850000500100950000000000000001\
+        0032c002";
+
 #[test]
 fn messages_have_these_bytes() {
     for (message, (kind, expected)) in messages().iter().zip(MESSAGES) {
@@ -115,4 +134,35 @@ fn these_bytes_are_the_frame() {
 
 fn unhex(digits: &str) -> Vec<u8> {
     (0..digits.len() / 2).map(|at| u8::from_str_radix(&digits[2 * at..2 * at + 2], 16).unwrap()).collect()
+}
+
+/// By hand: 0.125, 0.25 and 1 of a white of 1.
+#[test]
+fn codes_of_a_colour() {
+    let codes = |color: ColorFormat| color.quantise_color([0.125, 0.25, 1.0], 1.0);
+    assert_eq!(codes(ColorFormat::Linear8), [32, 64, 255]);
+    assert_eq!(codes(ColorFormat::Root8), [90, 128, 255]);
+    assert_eq!(codes(ColorFormat::Root10), [362, 512, 1023]);
+    assert_eq!(codes(ColorFormat::Half), [0x3000, 0x3400, 0x3c00]);
+    assert_eq!(codes(ColorFormat::Srgb8), [99, 137, 255]);
+    // The exponent of 1 is 16; its steps are 2^-8.
+    assert_eq!(codes(ColorFormat::Rgb9e5), [16 * 512 + 32, 16 * 512 + 64, 16 * 512 + 256]);
+}
+
+/// The first strip of the frame with colour in the formats that no message above has.
+#[test]
+fn strips_of_other_formats_have_these_bytes() {
+    for (color, expected) in [(ColorFormat::Srgb8, SRGB8_STRIP), (ColorFormat::Rgb9e5, RGB9E5_STRIP)] {
+        let mut shape = shape();
+        shape.format.color = color;
+        let (mut tree, mut strip) = (tree(), Vec::new());
+        StripEncoder::default().encode(&shape, &tree.bands_mut(2)[0], &mut strip);
+        assert_eq!(hex(&strip), expected, "{color:?}");
+        // And they say what was said, within what the format keeps: half a step of 255, a step of 511.
+        let mut decoded = fixed::tree();
+        decoded.nodes[0].radiance.iter_mut().for_each(|plane| plane.fill(0.0));
+        StripDecoder::default().decode(&shape, &unhex(expected), &mut decoded.bands_mut(2)[0]).unwrap();
+        let (was, is) = (tree.nodes[0].radiance_at(5), decoded.nodes[0].radiance_at(5));
+        assert!((was - is).abs().max_element() < 0.01 * was.max_element(), "{was} {is}");
+    }
 }

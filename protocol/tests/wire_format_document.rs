@@ -128,7 +128,10 @@ fn errors_capabilities_and_formats_are_those_of_the_code() {
     let range = |range: std::ops::RangeInclusive<u8>| format!("{} to {}", range.start(), range.end());
     let wide = |range: std::ops::RangeInclusive<u16>| format!("{} to {}", range.start(), range.end());
     let says = |field: &str, what: String| assert!(allowed[field].contains(&what), "{field}: {what}");
-    says("format.color_coding", format!("Exact, Bounded(u8 error, {}; not with Half)", range(ColorCoding::ERRORS)));
+    says(
+        "format.color_coding",
+        format!("Exact, Bounded(u8 error, {}; not with Half, Rgb9e5)", range(ColorCoding::ERRORS)),
+    );
     says("format.color_coding", format!("Video(u8 quantiser, {};", range(ColorCoding::QUANTISERS)));
     says(
         "format.depth",

@@ -25,12 +25,12 @@ pub use media::MediaInView;
 use media::Media;
 
 use crate::accel::{Ray, SurfacePoint};
-use crate::bsdf::{Boundary, Bsdf, Enclosure, Lobes, interface_of};
+use crate::bsdf::{Boundary, Bsdf, DIFFUSE_ONLY, Enclosure, Lobes, interface_of};
 use crate::counters::{Counters, RayCounts};
 use crate::effects::Simulated;
 use crate::integrator::sampler::Sampler;
 use crate::integrator::{Departure, Events, PathTracer, Vertex};
-use crate::scene::{Origins, Scene};
+use crate::scene::{Origins, Scene, Surface};
 use glam::{DVec3, Mat3, Vec3};
 use rayon::prelude::*;
 use std::sync::Arc;
@@ -301,7 +301,7 @@ impl FrameRenderer {
                         blurred: None,
                     })
                 }
-                arrival if self.is_simulated(arrival) => {
+                arrival if !DIFFUSE_ONLY && self.is_simulated(arrival) => {
                     chain[usize::from(step.parent)].as_ref().and_then(|parent| parent.follow(arrival, counts))
                 }
                 _ => None,
@@ -406,6 +406,11 @@ impl FrameRenderer {
         let direction = segment.ray.direction;
         let point = point?;
         let vertex = Vertex { point, direction, medium: segment.medium, segments: segment.segments, channel: None };
+        let (factor, path_m) = (segment.factor * left, segment.path_m + distance);
+        if matches!(self.scene().materials[point.material as usize].surface, Surface::Diffuse { .. }) {
+            // It has no boundary, and needs no lobes to be told so.
+            return Some(Link { vertex, events: Events::ALL, boundary: None, factor, path_m });
+        }
         let bsdf = Bsdf::at(self.scene(), &point, direction, segment.medium, None);
         let dispersive = self.scene().materials[point.material as usize].surface.is_dispersive();
         let edge = |boundary: &Boundary, lobe| Edge {
@@ -422,8 +427,8 @@ impl FrameRenderer {
                 .sharp()
                 .map(|boundary| edge(boundary, false))
                 .or_else(|| bsdf.nearly_sharp().map(|boundary| edge(boundary, true))),
-            factor: segment.factor * left,
-            path_m: segment.path_m + distance,
+            factor,
+            path_m,
         })
     }
 

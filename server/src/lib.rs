@@ -7,6 +7,7 @@ pub mod accel;
 mod bsdf;
 pub mod cache;
 pub mod cli;
+pub mod costs;
 pub mod counters;
 pub mod effects;
 pub mod film;
@@ -21,6 +22,9 @@ pub mod predict;
 pub mod scene;
 pub mod service;
 pub mod session;
+#[cfg(test)]
+#[path = "../../protocol/src/stability.rs"]
+mod stability;
 pub mod stream;
 #[cfg(test)]
 mod testing;

@@ -45,6 +45,8 @@ const SEND_BUFFER_BYTES: u32 = 256 << 10;
 /// And this much unsent: more would be delay that nobody can take back. A socket takes more when half of it has left,
 /// so that a link of 0.1 Mbit/s still shows within [`DEAD_PEER`] that it moves.
 const UNSENT_BYTES: u32 = 32 << 10;
+/// What a session has learnt of costs is written so often.
+const COSTS_EVERY: Duration = Duration::from_secs(30);
 /// A session whose link takes nothing is asked again after this, though its timers are due.
 const PATIENCE: Duration = Duration::from_millis(20);
 
@@ -161,6 +163,7 @@ impl House {
         // What TLS still holds.
         let mut is_flushed = true;
         let mut last_taken = Instant::now();
+        let mut costs_written = Instant::now();
         loop {
             if workers.is_none() && session.is_open() {
                 match self.places.clone().try_acquire_owned() {
@@ -187,6 +190,14 @@ impl House {
                 && let Some(job) = session.poll_encode(now())
             {
                 workers.encode.send(job).map_err(|_| io::Error::other("the encoding thread is gone"))?;
+            }
+            if let Some(learnt) = session.costs()
+                && (session.end().is_some() || costs_written.elapsed() >= COSTS_EVERY)
+            {
+                costs_written = Instant::now();
+                let (service, learnt) = (self.service.clone(), learnt.clone());
+                // Beside the session: a disk may take its time.
+                tokio::task::spawn_blocking(move || service.refresh_costs(&learnt));
             }
             if let Some(end) = session.end().cloned() {
                 while session.poll_transmit(now(), &mut outgoing) {}

@@ -1,5 +1,6 @@
 //! A scene made ready to be served: what every session of it shares.
 
+use crate::costs::KnownCosts;
 use crate::effects::{Effects, plan_of};
 use crate::frame::FrameRenderer;
 use crate::march::MediaBounds;
@@ -8,9 +9,10 @@ use crate::scene::Scene;
 use crate::session::{SampleBudget, SessionConfig};
 use crate::stream::STRIP_ROWS;
 use rayon::{ThreadPool, ThreadPoolBuildError, ThreadPoolBuilder};
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 use thread_priority::{ThreadPriority, set_current_thread_priority};
 use warplight_protocol::Token;
+use warplight_protocol::budget::Chooser;
 use warplight_protocol::codec::Limits;
 use warplight_protocol::frame::Plan;
 
@@ -97,6 +99,8 @@ pub struct Service {
     pub still_pool: Arc<ThreadPool>,
     /// What its sessions note.
     pub metrics: Arc<Metrics>,
+    /// The cost model that they choose from, and teach.
+    pub costs: Option<Arc<Mutex<KnownCosts>>>,
 }
 
 impl Service {
@@ -117,6 +121,7 @@ impl Service {
             interfaces: renderer.interfaces().clone(),
             media: MediaBounds::of(&scene),
             samples: options.samples,
+            costs: None,
             max_still_spp: MAX_STILL_SPP,
             strip_rows: STRIP_ROWS,
             guard_rad: options.guard_deg.to_radians(),
@@ -125,7 +130,22 @@ impl Service {
         };
         // Enough to begin with; frames add to it.
         live_pool.install(|| renderer.refine_all_light(FIRST_LIGHT_SPP, options.max_depth, options.seed));
-        Ok(Service { renderer, session, options, live_pool, still_pool, metrics: Arc::default() })
+        Ok(Service { renderer, session, options, live_pool, still_pool, metrics: Arc::default(), costs: None })
+    }
+
+    /// Has the time budget choose among the points of a frame, too, and keeps what it learns.
+    pub fn choose_points(&mut self, known: Arc<Mutex<KnownCosts>>) {
+        let table = known.lock().unwrap_or_else(PoisonError::into_inner).model.frame.clone();
+        self.session.costs = Some(Arc::new(table));
+        self.costs = Some(known);
+    }
+
+    /// Writes what a session has learnt of the costs of its points, where there is a file for it.
+    pub fn refresh_costs(&self, learnt: &Chooser) {
+        let Some(known) = &self.costs else { return };
+        if let Err(error) = known.lock().unwrap_or_else(PoisonError::into_inner).refresh(None, Some(learnt)) {
+            tracing::warn!("cost model: {error}");
+        }
     }
 }
 

@@ -39,6 +39,7 @@ fn config() -> SessionConfig {
         interfaces: Interfaces::default(),
         media: MediaBounds::default(),
         samples: SampleBudget::Samples(1),
+        costs: None,
         max_still_spp: 4,
         strip_rows: 8,
         guard_rad: 0.1,

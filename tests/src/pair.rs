@@ -112,6 +112,7 @@ impl Pair {
             interfaces: Interfaces::default(),
             media: MediaBounds::default(),
             samples: SampleBudget::Samples(1),
+            costs: None,
             max_still_spp: 1,
             strip_rows: 32,
             guard_rad: 0.0,

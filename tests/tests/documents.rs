@@ -4,6 +4,11 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use warplight_client::measure::Stage;
 
+/// The rows of the table of hard cases.
+#[allow(dead_code, unused_imports, unused_macros, reason = "its bounds are for the tests of the crates")]
+#[path = "../../protocol/src/stability.rs"]
+mod stability;
+
 /// Stages of the data flow, in order.
 const STAGES: [&str; 10] =
     ["scene", "effects", "integrator", "frame", "encode", "wire", "decode", "warp", "composite", "report"];
@@ -102,6 +107,7 @@ fn every_document_is_there() {
         "docs/wire-format.md",
         "docs/scene-format.md",
         "docs/glossary.md",
+        "docs/stability.md",
         "docs/references.bib",
         "docker/README.md",
     ] {
@@ -126,7 +132,7 @@ fn architecture_names_every_crate_and_top_level_module_and_no_other() {
         let modules: BTreeSet<&str> = library
             .lines()
             .filter_map(|line| line.trim_start_matches("pub ").strip_prefix("mod ")?.strip_suffix(';'))
-            .filter(|&module| module != "testing")
+            .filter(|&module| module != "testing" && module != "stability")
             .collect();
         let named: Vec<&str> = first_cells(section).into_iter().filter(|cell| !cell.starts_with("---")).collect();
         assert_eq!(BTreeSet::from_iter(named.iter().copied()), modules, "modules of {name}");
@@ -206,6 +212,59 @@ fn anchor_of(heading: &str) -> String {
         .filter(|&c| c.is_alphanumeric() || c == ' ' || c == '-' || c == '_')
         .map(|c| if c == ' ' { '-' } else { c })
         .collect()
+}
+
+/// The file in which a test of this path may be: `warplight_server::accel::tests::name` or `messages::name`.
+fn sources_of_test<'a>(path: &'a str, sources: &[(String, String)]) -> (Vec<String>, &'a str) {
+    let name = path.rsplit("::").next().unwrap_or(path);
+    let (first, _) = path.split_once("::").unwrap_or((path, ""));
+    let folder = match first.strip_prefix("warplight_") {
+        Some(folder) => format!("{folder}/src/"),
+        None => format!("/tests/{first}.rs"),
+    };
+    let holds = |(file, text): &&(String, String)| file.contains(&folder) && text.contains(&format!("fn {name}()"));
+    (sources.iter().filter(holds).map(|(file, _)| file.clone()).collect(), name)
+}
+
+#[test]
+fn the_table_of_hard_cases_has_every_row_and_every_test_within_its_bounds() {
+    let table = read("docs/stability.md");
+    let sources: Vec<(String, String)> = sources().into_iter().map(|file| (file.clone(), read(&file))).collect();
+    let is_row = |line: &&str| line.starts_with("| **");
+    let rows: Vec<&str> = table.lines().filter(is_row).collect();
+    let expected = stability::ROWS.map(|(name, cases)| format!("| **{name}**: {cases} | | | | |"));
+    assert_eq!(rows, expected, "make the table anew: it says how");
+    let mut named = BTreeSet::new();
+    let mut tests_of_row = 1;
+    for line in table.lines().skip_while(|line| !line.starts_with("| **")) {
+        if line.starts_with("| **") {
+            assert!(tests_of_row > 0, "a row without a test before {line}");
+            tests_of_row = 0;
+            continue;
+        }
+        let cells: Vec<&str> = line.trim_matches('|').split('|').map(str::trim).collect();
+        let [_, quantity, bound, worst, test] = cells[..] else { panic!("five cells: {line}") };
+        let number = |text: &str| text.parse::<f64>().unwrap_or_else(|error| panic!("{quantity}: '{text}': {error}"));
+        assert!(number(worst) <= number(bound), "{line}");
+        let (files, name) = sources_of_test(test.trim_matches('`'), &sources);
+        assert!(!files.is_empty(), "{test} is nowhere");
+        assert!(
+            sources.iter().any(|(_, text)| text.contains(&format!("\"{quantity}\""))),
+            "{quantity} is measured nowhere"
+        );
+        named.insert(name.to_owned());
+        tests_of_row += 1;
+    }
+    assert!(tests_of_row > 0, "the last row has no test");
+    // And the other way round: a test of a hard case is in the table.
+    let written: BTreeSet<String> = sources
+        .iter()
+        .flat_map(|(_, text)| text.split("fn stability_").skip(1))
+        .filter_map(|rest| rest.split_once("() {"))
+        .map(|(name, _)| format!("stability_{name}"))
+        .filter(|name| name.chars().all(|letter| letter.is_ascii_lowercase() || letter == '_'))
+        .collect();
+    assert_eq!(written, named, "make the table anew: it says how");
 }
 
 #[test]

@@ -6,6 +6,7 @@ mod bench;
 mod bench_codec;
 mod bench_frames;
 mod bench_volumes;
+mod budget;
 mod coding;
 mod optics;
 mod probe;

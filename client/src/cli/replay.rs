@@ -1,6 +1,7 @@
 //! `replay`: the main job.
 
 use super::Failure;
+use super::budget::BudgetArgs;
 use super::coding::CodingArgs;
 use super::optics::OpticsArgs;
 use super::strip;
@@ -25,7 +26,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use std::io::IsTerminal;
 use std::net::SocketAddr;
 use std::path::PathBuf;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 use warplight_protocol::camera::Projection;
 use warplight_protocol::frame::Plan;
@@ -151,7 +152,8 @@ pub(super) struct ReplayArgs {
     /// virtual one 8.
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..=4096))]
     spp: Option<u32>,
-    /// Time the embedded server has for a frame in milliseconds [default: 80 % of the frame interval].
+    /// Time the embedded server has for a frame in milliseconds: frames have as many pixels, nodes and samples as fit
+    /// [default: all pixels and nodes, and samples for 80 % of the frame interval].
     #[arg(long, value_parser = positive)]
     time_budget_ms: Option<f64>,
     /// Longest light path of the embedded server in segments.
@@ -163,6 +165,8 @@ pub(super) struct ReplayArgs {
     /// Modes to compare, such as diffuse,specular [default: all].
     #[arg(long, value_name = "MODES", value_delimiter = ',', value_parser = modes())]
     modes: Vec<Mode>,
+    #[command(flatten)]
+    budget: BudgetArgs,
     #[command(flatten)]
     optics: OpticsArgs,
     /// Also write reference, diffuse and specular side by side as PNG, from the compared refresh in which the two modes
@@ -229,7 +233,7 @@ pub(super) fn number(text: &str, expected: &str, accepts: impl Fn(f64) -> bool) 
     }
 }
 
-fn positive(text: &str) -> Result<f64, String> {
+pub(super) fn positive(text: &str) -> Result<f64, String> {
     number(text, "a number above 0, at most 86400", |value| value > 0.0 && value <= 86_400.0)
 }
 
@@ -247,10 +251,14 @@ pub(super) fn field_of_view(text: &str) -> Result<f64, String> {
 
 /// Runs the command.
 pub(super) fn run(arguments: &ReplayArgs) -> Result<(), Failure> {
-    let plan = plan_of(arguments)?;
+    let mut plan = plan_of(arguments)?;
+    let scene = arguments.connect.is_none().then(|| scene_of(arguments));
+    let known = arguments.budget.model(scene)?;
+    plan.budget = arguments.budget.plan(&known);
     let bar = bar(arguments.json);
     let mut progress = |step| show(&bar, step);
-    let mut warnings = Vec::new();
+    let mut warnings: Vec<String> = known.warning.iter().cloned().collect();
+    let known = Arc::new(Mutex::new(known));
     let (recording, link) = match arguments.clock {
         Clock::Virtual => {
             let service = service_of(arguments, 0, &mut warnings)?;
@@ -274,11 +282,18 @@ pub(super) fn run(arguments: &ReplayArgs) -> Result<(), Failure> {
                 None => {
                     // The display keeps a core to itself.
                     let cores = std::thread::available_parallelism().map_or(1, usize::from);
-                    let service = service_of(arguments, cores.saturating_sub(1).max(1), &mut warnings)?;
+                    let mut service = service_of(arguments, cores.saturating_sub(1).max(1), &mut warnings)?;
+                    if arguments.time_budget_ms.is_some() {
+                        service.choose_points(known.clone());
+                    }
                     Endpoint::plain(embedded::start(service).context("starting the embedded server")?.to_string())
                 }
             };
-            (run_real(&plan, endpoint, &mut progress)?, None)
+            let recording = run_real(&plan, endpoint, &mut progress)?;
+            if let Some(budget) = &recording.budget {
+                known.lock().unwrap_or_else(PoisonError::into_inner).refresh(Some(budget.chooser()), None)?;
+            }
+            (recording, None)
         }
     };
     let quality = assess(&recording, &plan, &mut progress)?;
@@ -362,6 +377,7 @@ fn plan_of(arguments: &ReplayArgs) -> Result<ReplayPlan, Failure> {
         optics: arguments.optics.optics(),
         quality_every: arguments.quality_every.unwrap_or(spacing),
         quality_spp: arguments.quality_spp,
+        budget: None,
     })
 }
 
@@ -381,9 +397,13 @@ fn time_budget(arguments: &ReplayArgs) -> Duration {
     Duration::from_secs_f64(arguments.time_budget_ms.unwrap_or(800.0 / arguments.frame_hz) * 1e-3)
 }
 
+fn scene_of(arguments: &ReplayArgs) -> &str {
+    arguments.scene.as_deref().unwrap_or(warplight_server::scene::DEFAULT_SCENE)
+}
+
 fn service_of(arguments: &ReplayArgs, threads: usize, warnings: &mut Vec<String>) -> Result<Service, Failure> {
     const VIRTUAL_SPP: u32 = 8;
-    let scene = Scene::load(arguments.scene.as_deref().unwrap_or(warplight_server::scene::DEFAULT_SCENE))?;
+    let scene = Scene::load(scene_of(arguments))?;
     warnings.extend(scene.warnings.iter().cloned());
     let samples = match (arguments.spp, arguments.clock) {
         (Some(spp), _) => SampleBudget::Samples(spp),

@@ -10,6 +10,7 @@
 //! Cost: one warp for every sample, and nothing is allocated after the first picture.
 
 mod edges;
+mod enlarge;
 mod lens;
 mod shutter;
 mod stereo;
@@ -25,7 +26,7 @@ use image::RgbImage;
 use rayon::prelude::*;
 use warplight_protocol::frame::Tree;
 use warplight_protocol::tone::ToneTable;
-use warplight_protocol::{Camera, Pose};
+use warplight_protocol::{Camera, ImageSize, Pose};
 
 /// What stands between a frame and the eye.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -90,6 +91,9 @@ pub struct Display {
     sample: Vec<Vec3>,
     tone: ToneTable,
     unsmoothed: Vec<u8>,
+    /// A picture of fewer pixels than the display has, and where the display's columns lie in it.
+    small: RgbImage,
+    columns: Vec<[u32; 3]>,
 }
 
 impl Display {
@@ -115,6 +119,32 @@ impl Display {
         if optics.smooth_edges {
             smooth_edges(picture, &mut self.unsmoothed);
         }
+        statistics
+    }
+
+    /// The same for a display of `size`, whose views have fewer pixels: their picture is enlarged.
+    #[allow(clippy::too_many_arguments, reason = "those of `show`, and the size")]
+    pub fn show_enlarged(
+        &mut self,
+        optics: &Optics,
+        warper: &mut Warper,
+        mode: Mode,
+        tree: &Tree,
+        views: &[View],
+        exposure: f32,
+        size: ImageSize,
+        picture: &mut RgbImage,
+    ) -> WarpStatistics {
+        if views.first().is_none_or(|view| view.camera.size == size) {
+            return self.show(optics, warper, mode, tree, views, exposure, picture);
+        }
+        let mut small = std::mem::take(&mut self.small);
+        let statistics = self.show(optics, warper, mode, tree, views, exposure, &mut small);
+        if picture.dimensions() != (size.width, size.height) {
+            *picture = RgbImage::new(size.width, size.height);
+        }
+        enlarge::enlarge(&small, picture, &mut self.columns);
+        self.small = small;
         statistics
     }
 

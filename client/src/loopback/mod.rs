@@ -4,8 +4,10 @@
 //! over all cores, as server and client spread them; only the sockets are missing.
 
 mod walk;
+mod walker;
 
 pub use walk::{Beat, Walk};
+pub use walker::{LiveWalk, Walker};
 
 use crate::assemble::{PendingPictures, PictureDecoders};
 use rayon::prelude::*;
@@ -60,6 +62,11 @@ impl EncodedFrame {
     pub fn bytes(&self) -> usize {
         let pictures = self.pictures.iter().map(|picture| PictureHead::BYTES + picture.bytes.len());
         self.strips.iter().map(Vec::len).chain(pictures).sum()
+    }
+
+    /// Its strips, one after the other.
+    pub fn concatenated(&self) -> Vec<u8> {
+        self.strips.concat()
     }
 }
 

@@ -127,6 +127,7 @@ impl Iterator for Crossings {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::stability::bound;
     use glam::{DVec2, DVec3};
     use warplight_protocol::{Camera, FieldOfView, ImageSize};
 
@@ -179,7 +180,13 @@ mod tests {
     }
 
     fn check(ray: &Ray, farthest: f64) -> usize {
+        worst_of(ray, farthest).0
+    }
+
+    /// Pixels crossed, and how far an end of a crossing is from where it should be.
+    fn worst_of(ray: &Ray, farthest: f64) -> (usize, f64) {
         let frame = frame();
+        let mut worst = 0.0_f64;
         let all: Vec<Crossing> = Crossings::new(&frame, ray, DEPTHS, farthest).collect();
         let mut seen: Vec<_> = all.iter().map(|crossing| (crossing.column, crossing.row)).collect();
         seen.sort_unstable();
@@ -189,15 +196,16 @@ mod tests {
         assert_eq!(walked.len(), expected.len(), "{ray:?}\n{walked:?}\n{expected:?}");
         for (a, b) in walked.iter().zip(&expected) {
             assert_eq!((a.column, a.row), (b.column, b.row), "{ray:?}");
-            assert!((a.enter - b.enter).abs() < 1e-9 && (a.exit - b.exit).abs() < 1e-9, "{ray:?}: {a:?} {b:?}");
+            worst = worst.max((a.enter - b.enter).abs()).max((a.exit - b.exit).abs());
         }
-        walked.len()
+        (walked.len(), worst)
     }
 
-    /// numerics: epipolar walk. Rays from everywhere to everywhere, with the epipole in the picture, behind the eye,
-    /// turned around.
+    /// Rays from everywhere to everywhere, with the epipole in the picture, behind the eye, turned around, from within the
+    /// volume and from outside; each pixel that brute force finds once and no other, which `worst_of` asserts.
     #[test]
-    fn every_crossed_pixel_is_visited_exactly_once() {
+    fn stability_epipolar_walk() {
+        let mut ends = bound!("epipolar", "ends of crossings off brute force, in lengths of the ray", 1e-9);
         let mut state = 1_u64;
         let mut random = || {
             state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
@@ -208,12 +216,31 @@ mod tests {
             let mut vector = |size: f64| DVec3::new(random() - 0.5, random() - 0.5, random() - 0.5) * size;
             let (origin, target) = (vector(if round % 3 == 0 { 0.2 } else { 6.0 }), vector(6.0));
             let farthest = if round % 4 == 0 { 0.5 } else { f64::INFINITY };
-            crossed += check(&Ray { origin, direction: target - origin }, farthest);
+            let (pixels, worst) = worst_of(&Ray { origin, direction: target - origin }, farthest);
+            ends.see(worst, format!("{origin} to {target}"));
+            crossed += pixels;
         }
         assert!(crossed > 20_000, "{crossed}");
+        let mut wrong = bound!("epipolar", "walks of a turned head or along edges that miss or repeat a pixel", 0.0);
+        for edge in 0..=9 {
+            let on_edge = |x: f64| frame().ray(DVec2::new(x, f64::from(edge))) * 2.0;
+            let ray = Ray { origin: on_edge(-1.0), direction: on_edge(13.0) - on_edge(-1.0) };
+            let all = whole(Crossings::new(&frame(), &ray, DEPTHS, f64::INFINITY));
+            // The edges of the picture belong to it or not; within, all columns are crossed in one row.
+            let is_row = all.len() == 12 && all.iter().enumerate().all(|(at, c)| c.row == all[0].row && c.column == at);
+            wrong.count(!(is_row || (edge % 9 == 0 && all.is_empty())), edge);
+        }
+        for pixel in (0..12 * 9).map(|at| DVec2::new(f64::from(at % 12) + 0.5, f64::from(at / 12) + 0.5)) {
+            for origin in [DVec3::ZERO, DVec3::splat(1e-17)] {
+                let ray = Ray { origin, direction: frame().ray(pixel) };
+                let all: Vec<Crossing> = Crossings::new(&frame(), &ray, DEPTHS, f64::INFINITY).collect();
+                let is_one = all.len() == 1 && (all[0].column, all[0].row) == (pixel.x as usize, pixel.y as usize);
+                wrong.count(!is_one, pixel);
+            }
+        }
     }
 
-    /// numerics: epipolar walk, rotation only. The line is a point, and the pixel is crossed for the whole depth.
+    /// The line is a point, and the pixel is crossed for the whole depth.
     #[test]
     fn a_ray_from_the_eye_crosses_one_pixel() {
         for origin in [DVec3::ZERO, DVec3::new(1e-17, -1e-17, 1e-17)] {
@@ -231,7 +258,7 @@ mod tests {
         assert_eq!(check(&Ray { origin: pixel * 8.0, direction: -pixel }, f64::INFINITY), 1);
     }
 
-    /// numerics: epipolar walk, line along a pixel edge, and through corners.
+    /// And through corners.
     #[test]
     fn a_ray_along_an_edge_crosses_one_row_of_pixels() {
         let frame = frame();

@@ -64,19 +64,53 @@ pub(super) fn attenuation<F: Floats>(x: F) -> F {
 mod tests {
     use super::*;
     use crate::lanes::{Level, kernel};
+    use crate::stability::bound;
 
-    /// numerics: segment re-integration. From almost clear to black, and from nothing of a segment to a thousandfold of it.
+    /// From almost clear to black, and from nothing of a segment to a thousandfold of it.
     #[test]
-    fn a_part_of_a_segment_sends_its_part_of_the_light() {
+    fn stability_segment_reintegration() {
+        let mut off = bound!("segment", "light of a part of a segment off f64, relative", 1e-5);
+        let mut limit = bound!("segment", "of the thinnest, off its share z' / z, relative", 1e-5);
+        let mut undefined = bound!("segment", "light that falls with tau, is below 0 or above its source", 0.0);
+        let thicknesses = || (-120..=40).map(|exponent| 10.0_f64.powf(f64::from(exponent) * 0.1));
+        let parts = [0.0, 1e-6, 1e-3, 0.5, 1.0, 30.0, 1000.0];
+        for level in Level::available() {
+            for part in parts {
+                let x: Vec<f32> = thicknesses().map(|tau| (tau * part * std::f64::consts::LOG2_E) as f32).collect();
+                let mut found = vec![0.0; x.len().next_multiple_of(16)];
+                let mut padded = x.clone();
+                padded.resize(found.len(), 0.0);
+                run_attenuations(level, &padded, &mut found);
+                for (index, (&x, &found)) in x.iter().zip(&found).enumerate() {
+                    let oracle = -(-f64::from(x) * std::f64::consts::LN_2).exp_m1();
+                    if oracle > 0.0 {
+                        off.see((f64::from(found) / oracle - 1.0).abs(), format!("{level:?} {x}"));
+                    }
+                    undefined.count(!(0.0..=1.0).contains(&found), format!("{level:?} {x}"));
+                    // Beyond opacity all are 1, to a rounding.
+                    let before = found_before(&padded, index, level);
+                    undefined.count(found < before - f32::EPSILON * before, format!("{level:?} {x} {before} {found}"));
+                }
+                if part > 0.0 {
+                    let mut whole = vec![0.0; 16];
+                    run_attenuations(level, &[(1e-12 * std::f64::consts::LOG2_E) as f32; 16], &mut whole);
+                    let ratio = f64::from(found[0]) / f64::from(whole[0]);
+                    // A thousandfold of 1e-12 is still thin: what is left out is 5e-10 of it.
+                    limit.see((ratio / part - 1.0).abs(), format!("{level:?} {part}"));
+                }
+            }
+        }
+        let mut plain = bound!("segment", "the same in the plain walk", 1e-5);
         let mut last = 0.0;
-        for exponent in -120..=40 {
-            let tau = 10.0_f64.powf(f64::from(exponent) * 0.1);
-            for part in [0.0, 1e-6, 0.5, 1.0, 30.0, 1000.0] {
+        for tau in thicknesses() {
+            for part in parts {
                 let mut ray = Transport::default();
                 ray.cross(tau * part, DVec3::ONE);
                 let series = tau * part * (1.0 - tau * part * (0.5 - tau * part / 6.0));
                 let oracle = if tau * part < 1e-3 { series } else { 1.0 - (-tau * part).exp() };
-                assert!((ray.radiance.x - oracle).abs() <= 1e-9 * oracle, "{tau} {part}: {} {oracle}", ray.radiance.x);
+                if oracle > 0.0 {
+                    plain.see((ray.radiance.x / oracle - 1.0).abs(), format!("{tau} {part}"));
+                }
                 assert!((ray.radiance.x + ray.transmittance - 1.0).abs() < 1e-12 && ray.transmittance >= 0.0);
             }
             let mut ray = Transport::default();
@@ -86,17 +120,29 @@ mod tests {
         }
     }
 
-    /// numerics: transmittance of a ray. A hundred thousand thin segments are one thick one; one of 10^4 is black.
+    /// The attenuation of the thickness before this one.
+    fn found_before(x: &[f32], index: usize, level: Level) -> f32 {
+        let mut found = vec![0.0; 16];
+        run_attenuations(level, &[x[index.saturating_sub(1)]; 16], &mut found);
+        if index == 0 { 0.0 } else { found[0] }
+    }
+
+    /// A hundred thousand thin segments are one thick one; one of 10^4 is black.
     #[test]
-    fn many_thin_segments_are_one_thick_one() {
-        let mut ray = Transport::default();
-        for _ in 0..100_000 {
-            ray.cross(3e-5, DVec3::ONE);
+    fn stability_transmittance_of_a_marched_ray() {
+        let mut off = bound!("transmittance", "1e5 segments of the march, relative", 1e-5);
+        let mut beyond =
+            bound!("transmittance", "negative in the march, or light above its source, or left of tau 1e4", 0.0);
+        for tau in [1e-8, 3e-5, 1e-4] {
+            let mut ray = Transport::default();
+            for _ in 0..100_000 {
+                ray.cross(tau, DVec3::ONE);
+            }
+            off.see((ray.transmittance / (-1e5 * tau).exp() - 1.0).abs(), tau);
+            off.see((ray.radiance.x / -(-1e5 * tau).exp_m1() - 1.0).abs(), tau);
+            ray.cross(1e4, DVec3::ONE);
+            beyond.count(ray.transmittance != 0.0 || ray.radiance.x > 1.0 + 1e-9, tau);
         }
-        assert!((ray.transmittance / (-3.0_f64).exp() - 1.0).abs() < 1e-9);
-        assert!((ray.radiance.x / -(-3.0_f64).exp_m1() - 1.0).abs() < 1e-9);
-        ray.cross(1e4, DVec3::ONE);
-        assert!(ray.transmittance == 0.0 && ray.radiance.x <= 1.0 + 1e-9);
     }
 
     #[inline(always)]
@@ -107,7 +153,6 @@ mod tests {
     }
     kernel!(fn run_attenuations = all_attenuations(x: &[f32], results: &mut [f32]));
 
-    /// numerics: segment re-integration, in floats.
     #[test]
     fn attenuation_in_lanes_is_that_in_f64_to_a_hundred_thousandth() {
         let x: Vec<f32> =

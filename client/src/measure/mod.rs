@@ -8,6 +8,7 @@ mod flip;
 mod image_error;
 mod percentiles;
 mod psnr;
+mod relative;
 mod ssim;
 mod stage;
 
@@ -16,5 +17,6 @@ pub use flip::{ErrorMap, PIXELS_PER_DEGREE, flip};
 pub use image_error::{Compared, ImageError, compare};
 pub use percentiles::Percentiles;
 pub use psnr::{PSNR_CAP_DB, psnr_linear, psnr_srgb8};
+pub use relative::relative_mse;
 pub use ssim::dssim;
 pub use stage::{FrameTimes, Interval, Side, Stage};

@@ -5,11 +5,13 @@
 //! TCP; both give a [`Recording`], from which `quality` and `report` make what is written.
 
 mod clock;
+mod intake;
 mod quality;
 mod real_clock;
 mod recording;
 mod reference;
 mod report;
+mod screen;
 mod shown;
 mod spikes;
 mod virtual_clock;
@@ -21,6 +23,7 @@ pub use reference::{EyeCapture, MeanOfStills};
 pub use report::{Circumstances, report_from};
 pub use virtual_clock::{ModelledTimes, run as run_virtual};
 
+use crate::budget::DisplayBudget;
 use crate::display::Optics;
 use crate::session::SessionEnd;
 use crate::trace::Trace;
@@ -32,6 +35,7 @@ use warplight_protocol::Pose;
 use warplight_protocol::Token;
 use warplight_protocol::frame::FrameFormat;
 use warplight_protocol::message::{Capabilities, Hello, Prediction, Viewport};
+use warplight_server::costs::CostTable;
 use warplight_server::metrics::Metrics;
 
 /// What to replay.
@@ -75,6 +79,19 @@ pub struct ReplayPlan {
     pub quality_every: u64,
     /// Samples per pixel of the reference.
     pub quality_spp: u32,
+    /// Time for the picture of a refresh, and the table its point is chosen from.
+    pub budget: Option<BudgetPlan>,
+}
+
+/// A budget of the display.
+#[derive(Clone, Debug)]
+pub struct BudgetPlan {
+    /// Time for the picture of a refresh.
+    pub time: Duration,
+    /// What points cost.
+    pub table: CostTable,
+    /// Where the table comes from, in words.
+    pub model: String,
 }
 
 impl ReplayPlan {
@@ -102,6 +119,17 @@ impl ReplayPlan {
         warper.set_earlier_frames(self.earlier_frames);
         warper.set_normal_bits(self.format.normal_bits);
         warper
+    }
+
+    /// The display's budget, at its beginning.
+    pub fn display_budget(&self) -> Option<DisplayBudget> {
+        let BudgetPlan { time, table, model } = self.budget.as_ref()?;
+        DisplayBudget::new(table, model, *time, self.pixels_of_a_refresh())
+    }
+
+    /// Pixels that are warped for a refresh, at full size.
+    pub fn pixels_of_a_refresh(&self) -> usize {
+        self.camera.size.pixels() * self.optics.eyes().len() * self.optics.samples()
     }
 
     /// Refreshes in the replay.
@@ -145,6 +173,9 @@ pub enum ReplayError {
         /// Why not.
         source: std::io::Error,
     },
+    /// The threads beside the display.
+    #[error("starting the threads beside the display: {0}")]
+    Threads(std::io::Error),
     /// No frame arrived.
     #[error("no frame arrived within {0:?}")]
     NoFrame(Duration),

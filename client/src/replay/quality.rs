@@ -116,10 +116,19 @@ impl Studio<'_> {
                 self.warper.prepare(mode, &earlier.tree);
             }
             self.warper.prepare(mode, tree);
+            // What was displayed is compared as it was displayed, other modes as they are.
+            let point = capture.point.filter(|_| mode == self.plan.mode);
+            self.warper.use_solver(point.map_or(self.plan.solver, |point| point.solver));
             for (refresh, eye, mask) in &mut refreshes {
                 let mut picture = RgbImage::default();
                 let Studio { warper, display, .. } = self;
-                let statistics = display.show(optics, warper, mode, tree, &eye.views, exposure, &mut picture);
+                let mut views = eye.views.clone();
+                if let Some(point) = point {
+                    views.iter_mut().for_each(|view| view.camera = point.camera(&view.camera));
+                }
+                let size = self.plan.camera.size;
+                let statistics =
+                    display.show_enlarged(optics, warper, mode, tree, &views, exposure, size, &mut picture);
                 let compared = compare(&refresh.reference, &picture, None)?;
                 let specular = mask.map(|mask| compared.under_mask(&refresh.reference, &picture, mask)).transpose()?;
                 refresh.modes.push(Assessment { mode, picture, statistics, compared, specular });

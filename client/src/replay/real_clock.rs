@@ -1,15 +1,17 @@
 //! A replay in real time: the session runs on the network thread, the display loop here.
 //!
-//! At each refresh the head pose of that moment is read off the trace, sent, and the latest frame warped to it.
+//! At each refresh the head pose of that moment is read off the trace, sent, and the latest frame warped to it, by the point
+//! that the display's budget chooses, where there is one. Frames are taken in beside it (`intake`).
 //! The picture is on the display at the next refresh; one that is not ready by then is a miss.
 
+use super::intake::Intake;
+use super::screen::Screen;
 use super::shown::Shown;
 use super::{Capture, DisplayRecord, Progress, Recording, ReplayError, ReplayPlan};
 use crate::assemble::ReadyFrame;
-use crate::display::Display;
+use crate::budget::DisplayPoint;
 use crate::net::{Command, Connection, Endpoint, News};
 use crate::trace::Trace;
-use image::RgbImage;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 use warplight_protocol::Timestamp;
@@ -34,6 +36,7 @@ pub fn run(
         connection,
         trace: None,
         shown: Shown::default(),
+        intake: None,
         recording: Recording { metrics: plan.metrics.clone(), ..Recording::default() },
         lost: None,
         stills_missing: 0,
@@ -52,6 +55,8 @@ struct Player<'a> {
     connection: Connection,
     trace: Option<Trace>,
     shown: Shown,
+    /// From the first refresh on.
+    intake: Option<Intake>,
     recording: Recording,
     lost: Option<String>,
     stills_missing: usize,
@@ -94,9 +99,11 @@ impl Player<'_> {
             return;
         }
         self.recording.frame_arrived(&frame);
-        if let Some(old) = self.shown.replace(frame, self.plan.earlier_frames) {
-            self.connection.tell(Command::Retire(old));
-        }
+        let replaced = match &mut self.intake {
+            Some(intake) => intake.push(frame),
+            None => self.shown.replace(frame, self.plan.earlier_frames),
+        };
+        replaced.into_iter().for_each(|old| self.connection.tell(Command::Retire(old)));
     }
 
     fn drain_news(&mut self) -> Result<(), ReplayError> {
@@ -127,11 +134,11 @@ impl Player<'_> {
     }
 
     fn play(&mut self, progress: &mut dyn FnMut(Progress)) -> Result<(), ReplayError> {
-        let mut warper = self.plan.warper();
-        let mut prepared = None;
-        let (mut display, mut views) = (Display::default(), Vec::new());
-        let optics = self.plan.optics;
-        let mut pictures = [RgbImage::default(), RgbImage::default()];
+        let mut screen = Screen::new(self.plan);
+        if let Some(first) = self.shown.latest() {
+            screen.warper.prepare(self.plan.mode, &first.tree);
+        }
+        self.intake = Some(Intake::start(self.plan.mode, self.plan.warper()).map_err(ReplayError::Threads)?);
         let start = self.connection.now();
         self.recording.start = start;
         let refreshes = self.plan.refreshes();
@@ -139,6 +146,11 @@ impl Player<'_> {
             let refresh = start + self.plan.refresh_time(number);
             self.connection.sleep_until(refresh);
             self.drain_news()?;
+            if let Some(frame) = self.intake.as_mut().and_then(|intake| intake.poll(&mut screen.warper))
+                && let Some(old) = self.shown.replace(frame, self.plan.earlier_frames)
+            {
+                self.connection.tell(Command::Retire(old));
+            }
             let (Some(trace), Some(frame)) = (&self.trace, self.shown.latest()) else { continue };
             let time = self.plan.refresh_time(number);
             let display_pose = trace.pose_at(time.as_secs_f64());
@@ -148,21 +160,15 @@ impl Player<'_> {
                 continue;
             }
             self.connection.tell(Command::Pose(PoseSample { time: sampled, pose: display_pose }));
-            if prepared != Some(frame.begin.id) {
-                warper.prepare(self.plan.mode, &frame.tree);
-                prepared = Some(frame.begin.id);
-            }
-            let exposure = frame.begin.shape.exposure;
-            let head_before = |before_secs: f64| trace.pose_at(time.as_secs_f64() - before_secs);
-            for (&eye, picture) in optics.eyes().iter().zip(&mut pictures) {
-                optics.views(eye, head_before, &self.plan.camera, &mut views);
-                display.show(&optics, &mut warper, self.plan.mode, &frame.tree, &views, exposure, picture);
-            }
+            let point = screen.point();
+            screen.show(self.plan, trace, time, frame);
             let warped = self.connection.now();
+            screen.took(self.plan, warped.since(sampled));
             let frame = frame.clone();
-            self.record(number, &frame, sampled, warped, refresh);
+            self.record(number, &frame, point, [sampled, warped], refresh);
             progress(Progress::Displaying(number + 1, refreshes));
         }
+        self.recording.budget = screen.budget;
         let traffic = self.connection.traffic();
         self.recording.finish(traffic.down_bytes(), traffic.up_bytes());
         Ok(())
@@ -172,8 +178,8 @@ impl Player<'_> {
         &mut self,
         number: u64,
         frame: &Arc<ReadyFrame>,
-        sampled: Timestamp,
-        warped: Timestamp,
+        point: Option<DisplayPoint>,
+        [sampled, warped]: [Timestamp; 2],
         refresh: Timestamp,
     ) {
         let time = self.plan.refresh_time(number);
@@ -193,7 +199,8 @@ impl Player<'_> {
         });
         self.recording.frame_shown(frame.begin.id, warped, presented, display_pose);
         if (self.recording.captures.len() as u64) < self.plan.comparisons_by(number) {
-            self.recording.captures.extend(Capture::new(self.plan, trace, time, sampled, &self.shown));
+            let capture = Capture::new(self.plan, trace, time, sampled, &self.shown);
+            self.recording.captures.extend(capture.map(|capture| Capture { point, ..capture }));
         }
     }
 

@@ -2,6 +2,7 @@
 
 use super::reference::{EyeCapture, MeanOfStills, Wanted};
 use crate::assemble::{BytesPerPlane, ReadyFrame};
+use crate::budget::{DisplayBudget, DisplayPoint};
 use crate::measure::{FrameTimes, Interval, Stage};
 use std::sync::Arc;
 use std::time::Duration;
@@ -65,6 +66,8 @@ pub struct Capture {
     pub earlier: Vec<Arc<ReadyFrame>>,
     /// What each eye sees, and its reference.
     pub eyes: Vec<EyeCapture>,
+    /// How it was made, where a budget chose.
+    pub point: Option<DisplayPoint>,
 }
 
 /// Everything that was noted.
@@ -100,6 +103,8 @@ pub struct Recording {
     pub reconnects: u64,
     /// When the first refresh was, by the client's clock.
     pub start: Timestamp,
+    /// The display's budget, as it was at the end.
+    pub budget: Option<DisplayBudget>,
     /// Where figures go while it is made.
     pub metrics: Option<Arc<Metrics>>,
     /// The last refresh is over: what arrives now is not part of the replay.

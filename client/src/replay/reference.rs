@@ -103,7 +103,15 @@ impl Capture {
             EyeCapture { eye, pose, views, reference: MeanOfStills::default(), specular: None }
         });
         let (display_pose, eyes) = (head_before(0.0), eyes.collect());
-        Some(Capture { time, scene_time, display_pose, frame, earlier: shown.earlier().cloned().collect(), eyes })
+        Some(Capture {
+            time,
+            scene_time,
+            display_pose,
+            frame,
+            earlier: shown.earlier().cloned().collect(),
+            eyes,
+            point: None,
+        })
     }
 
     fn still(&self, number: u32, pose: Pose, camera: Camera, before_secs: f64, spp: u32) -> StillRequest {

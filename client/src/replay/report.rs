@@ -3,6 +3,7 @@
 use super::clock::{clock_line, epochs};
 use super::spikes::spikes_of;
 use super::{AssessedRefresh, Assessment, FrameRecord, QualityRun, Recording, ReplayPlan};
+use crate::budget::DisplayBudget;
 use crate::display::{Eye, Optics};
 use crate::link::LinkModel;
 use crate::measure::{ImageError, Interval, Percentiles, Stage};
@@ -57,6 +58,7 @@ pub fn report_from(
         latency_ms: latency(recording, circumstances.clock),
         spikes: spikes_of(recording, circumstances.clock),
         limits: limits(recording),
+        budget: recording.budget.as_ref().map(DisplayBudget::report),
         prediction: prediction(plan, recording),
         viewport: viewport(plan, recording),
         link: link(plan, recording, circumstances.link),

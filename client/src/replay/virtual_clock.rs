@@ -7,6 +7,7 @@
 use super::shown::Shown;
 use super::{Capture, DisplayRecord, Progress, Recording, ReplayError, ReplayPlan};
 use crate::assemble::{Assembler, ReadyFrame};
+use crate::budget::DisplayBudget;
 use crate::link::{Change, LinkModel, Route};
 use crate::session::{ClientSession, Event};
 use crate::trace::Trace;
@@ -122,7 +123,11 @@ impl<'a> World<'a> {
             decoding: VecDeque::new(),
             trace: None,
             shown: Shown::default(),
-            recording: Recording { metrics: plan.metrics.clone(), ..Recording::default() },
+            recording: Recording {
+                metrics: plan.metrics.clone(),
+                budget: plan.display_budget(),
+                ..Recording::default()
+            },
             references_missing: 0,
         }
     }
@@ -377,9 +382,17 @@ impl<'a> World<'a> {
         let time = self.plan.refresh_time(number);
         let display_pose = trace.pose_at(time.as_secs_f64());
         self.client.push_pose(PoseSample { time: self.now, pose: display_pose });
-        let warps = self.plan.optics.eyes().len() * self.plan.optics.samples();
-        let pixels = (self.plan.camera.size.pixels() * warps) as f64;
-        let warp = Duration::from_secs_f64(self.times.warp_ns_per_pixel * 1e-9 * pixels);
+        let pixels = self.plan.pixels_of_a_refresh();
+        let usual = Duration::from_secs_f64(self.times.warp_ns_per_pixel * 1e-9 * pixels as f64);
+        let point = self.recording.budget.as_ref().map(DisplayBudget::point);
+        let warp = match (&mut self.recording.budget, &self.plan.budget) {
+            (Some(budget), Some(plan)) => {
+                let modelled = budget.modelled(&plan.table, usual);
+                budget.measured(modelled, pixels);
+                modelled
+            }
+            _ => usual,
+        };
         let interval = self.plan.refresh_interval();
         // Shown at the next refresh, or at the first one after the warp.
         let intervals = (warp.as_secs_f64() / interval.as_secs_f64()).ceil().max(1.0);
@@ -395,7 +408,8 @@ impl<'a> World<'a> {
         });
         self.recording.frame_shown(frame.begin.id, self.now + warp, presented, display_pose);
         if (self.recording.captures.len() as u64) < self.plan.comparisons_by(number) {
-            self.recording.captures.extend(Capture::new(self.plan, trace, time, self.now, &self.shown));
+            let capture = Capture::new(self.plan, trace, time, self.now, &self.shown);
+            self.recording.captures.extend(capture.map(|capture| Capture { point, ..capture }));
         }
     }
 

@@ -1,6 +1,7 @@
 //! What a replay found out: `report.json` for programs, `index.html` for people, a few lines for the
 //! terminal. The last stage of the pipeline; it computes nothing new but the doubts about itself.
 
+mod budget;
 mod limits;
 mod nodes;
 pub mod page;
@@ -14,6 +15,7 @@ mod write;
 #[cfg(test)]
 mod sample;
 
+pub use budget::{BudgetPoint, BudgetReport};
 pub use limits::{Limit, Spike, Spikes};
 pub use nodes::{NodeReport, SpecularReport};
 pub use schema::{

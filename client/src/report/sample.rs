@@ -118,6 +118,7 @@ pub(super) fn sound_report() -> Report {
                 beyond_ms: 102.0,
             }],
         },
+        budget: None,
         limits: vec![Limit {
             name: "throughput".into(),
             share: 0.25,

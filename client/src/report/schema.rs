@@ -3,7 +3,7 @@
 //! Milliseconds, degrees, millimetres, bytes and megabits per second (10^6), as the names say. A spread that
 //! nothing was measured for is `null`, never zero. Maps are ordered, so equal reports are equal bytes.
 
-use super::{Limit, Series, SpecularReport, Spikes};
+use super::{BudgetReport, Limit, Series, SpecularReport, Spikes};
 use crate::measure::Percentiles;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -40,6 +40,9 @@ pub struct Report {
     /// Why frames were less than was asked for.
     #[serde(default)]
     pub limits: Vec<Limit>,
+    /// What the display's budget chose; `null` without one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub budget: Option<BudgetReport>,
     /// How well the head pose was predicted.
     pub prediction: Prediction,
     /// What frames showed beyond the display.

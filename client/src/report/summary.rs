@@ -23,6 +23,9 @@ pub fn summary(report: &Report, page_path: &Path) -> String {
     for limit in &report.limits {
         row("limited by", format!("{} for {:.0} % of the time: {}", limit.name, 100.0 * limit.share, limit.why));
     }
+    if let Some(budget) = &report.budget {
+        row("budget", budget.in_words());
+    }
     let (age, motion) = (report.spikes.frame_age, report.spikes.motion_to_photon);
     if age + motion > 0 {
         row("spikes", format!("{age} of frame age, {motion} of motion to photon: see the page"));

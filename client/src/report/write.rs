@@ -8,6 +8,7 @@ use serde::Serialize;
 use serde_json::ser::{CompactFormatter, Formatter, PrettyFormatter, Serializer};
 use std::io::{self, Write};
 use std::path::Path;
+pub use warplight_server::costs::write_whole;
 
 impl Report {
     /// The report as JSON text, ending with a line break.
@@ -36,22 +37,6 @@ pub(crate) fn rounded_json(document: &impl Serialize) -> Result<String, serde_js
     document.serialize(&mut Serializer::with_formatter(&mut bytes, Rounded::default()))?;
     bytes.push(b'\n');
     String::from_utf8(bytes).map_err(serde::ser::Error::custom)
-}
-
-/// Writes `bytes` beside `path` and renames: a reader sees the old file or the new one, never a part.
-///
-/// # Errors
-/// What the operating system says; the file beside is removed.
-pub fn write_whole(path: &Path, bytes: &[u8]) -> io::Result<()> {
-    // The process number keeps two programs that write to one folder apart.
-    let mut beside = path.as_os_str().to_owned();
-    beside.push(format!(".{}.part", std::process::id()));
-    let beside = Path::new(&beside);
-    let written = std::fs::write(beside, bytes).and_then(|()| std::fs::rename(beside, path));
-    if written.is_err() {
-        let _ = std::fs::remove_file(beside);
-    }
-    written
 }
 
 /// Six significant digits; a negative zero becomes zero.

@@ -3,8 +3,10 @@
 use super::*;
 use std::cell::Cell;
 
+mod server_and_session;
+
 /// A sweep in which every look at the clock takes a millisecond.
-fn swept(knob: &str, scene: Option<&str>, size: u32) -> Sweep {
+pub(super) fn swept(knob: &str, scene: Option<&str>, size: u32) -> Sweep {
     let ticks = Cell::new(0);
     let now = || {
         ticks.set(ticks.get() + 1);
@@ -26,7 +28,7 @@ fn swept(knob: &str, scene: Option<&str>, size: u32) -> Sweep {
     sweep
 }
 
-fn error_of(sweep: &Sweep, value: &str) -> f64 {
+pub(super) fn error_of(sweep: &Sweep, value: &str) -> f64 {
     sweep.points.iter().find(|point| point.value == value).unwrap_or_else(|| panic!("{value}")).error
 }
 
@@ -99,6 +101,17 @@ fn the_coarser_colour_is_the_fewer_bytes_it_takes_and_the_more_error_it_leaves()
     for pair in points.windows(2) {
         assert!(pair[1].bytes < pair[0].bytes && pair[1].error > pair[0].error, "{pair:?}");
     }
+}
+
+#[test]
+fn formats_of_colour_are_ordered_by_their_bits_and_the_dark_wants_them_where_eyes_look() {
+    let sweep = swept("color-format", Some("lamp"), 128);
+    let of = |value: &str| sweep.points.iter().find(|point| point.value == value).unwrap();
+    let [root8, root10, half] = ["root8", "root10", "half"].map(of);
+    assert!(root10.error < root8.error && half.error < root10.error, "{root8:?} {root10:?} {half:?}");
+    assert!(root8.bytes < root10.bytes && root10.bytes < half.bytes);
+    // Equal steps of light are coarse where it is dark.
+    assert!(of("srgb8").error < of("linear8").error && of("rgb9e5").error < root8.error, "{sweep:?}");
 }
 
 #[test]

@@ -78,6 +78,27 @@ impl Frames {
         }
     }
 
+    /// Takes over the latest frame of another one, which gets the memory of the oldest here.
+    pub(super) fn adopt(&mut self, other: &mut Frames, earlier: usize) {
+        if other.count == 0 {
+            return;
+        }
+        let kept = earlier.min(MAX_EARLIER) + 1;
+        self.frames.resize_with(kept, Faces::default);
+        self.count = self.count.min(kept);
+        if self.count == 0 || self.frames[0].pose != other.frames[0].pose {
+            self.frames.rotate_right(1);
+            self.count = (self.count + 1).min(kept);
+        }
+        std::mem::swap(&mut self.frames[0], &mut other.frames[0]);
+        other.count = 0;
+    }
+
+    /// Everything that is decoded.
+    pub(super) fn prepared_mut(&mut self) -> impl Iterator<Item = &mut Prepared> {
+        self.frames.iter_mut().flat_map(|frame| &mut frame.faces)
+    }
+
     /// Forgets all.
     pub(super) fn clear(&mut self) {
         self.count = 0;

@@ -3,17 +3,19 @@
 //! decode -> **warp** -> composite. A [`Warper`] is given a frame once ([`Warper::prepare`]) and then asked
 //! for a picture at every display refresh ([`Warper::show`]). One file holds one mode; [`Mode`] is the closed
 //! set. A mode computes for each display pixel where in the old picture it comes from, or that nothing is known
-//! (a hole); holes are then filled by push-pull in all of them.
+//! (a hole); holes are then filled by push-pull in all of them, or by another [`HoleFilling`].
 //!
 //! `specular` warps every node on its own: it has its own form of a frame (`prepared`) and its own pipeline
 //! (`specular`), written in vectors (`lanes`). `diffuse` is the same pipeline on the flattened picture of the old pose, a
 //! tree of one node: reflections are painted onto the surface. The simpler modes share that picture, too (`source`).
 
+mod adopt;
 mod canvas;
 #[cfg(test)]
 mod diffuse;
 mod exit;
 mod faces;
+mod filling;
 mod frames;
 mod media;
 mod mesh;
@@ -28,6 +30,7 @@ mod specular;
 mod texture;
 mod tone;
 
+pub use filling::HoleFilling;
 pub use media::MediaStage;
 pub use prepared::Normals;
 use prepared::Rung;
@@ -220,6 +223,16 @@ impl Warper {
     /// Chooses where mode `specular` has its normals from, from the next frame on.
     pub fn set_normals(&mut self, normals: Normals) {
         self.rung.normals = normals;
+    }
+
+    /// Chooses what pixels are filled with of which nothing is known.
+    pub fn set_hole_filling(&mut self, filling: HoleFilling) {
+        self.pyramid.set_filling(filling);
+    }
+
+    /// Which pixels of the last picture by [`Mode::Specular`] were filled with what is not known of them, row by row.
+    pub fn filled_pixels(&self) -> Vec<bool> {
+        self.pipeline.filled()
     }
 
     /// Says how many bits a coordinate of the transmitted normals has, if not those of the default format.

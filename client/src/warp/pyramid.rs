@@ -11,7 +11,8 @@
 //! the half-size level is pushed to only around holes, when they ask ([`Pyramid::at`]). Cost: a sixteenth of the pixels
 //! per node that has holes, and 16 reads per hole.
 
-use glam::{Vec3, Vec4};
+use super::filling::{Epipole, HoleFilling, background};
+use glam::{Vec2, Vec3, Vec4};
 use rayon::prelude::*;
 
 /// Side of the tiles in which sums are left.
@@ -33,6 +34,9 @@ pub(super) struct Pyramid {
     /// From 4 x 4 pixels on, of one node.
     levels: Vec<Level>,
     depth: usize,
+    /// What holes are filled with, and where points move along.
+    filling: HoleFilling,
+    epipole: Epipole,
 }
 
 /// Sums of a row of tiles.
@@ -81,7 +85,7 @@ impl Level {
 
 impl Level {
     /// Bilinear at a pixel, each cell being 4 x 4 of them.
-    fn at_pixel(&self, x: usize, y: usize) -> Vec4 {
+    fn at_pixel<const LOCAL: bool>(&self, x: usize, y: usize) -> Vec4 {
         let along = |pixel: usize, size: usize| {
             // In eighths of a cell, from the centre of the first; pixels before that are clamped to it.
             let eighths = (2 * pixel + 1).saturating_sub(4);
@@ -89,7 +93,7 @@ impl Level {
             (first, (first + 1).min(size - 1), (eighths % 8) as f32 / 8.0)
         };
         let ((left, right, fx), (above, below, fy)) = (along(x, self.width), along(y, self.height));
-        let mut mean = Mean::<true>::default();
+        let mut mean = Mean::<LOCAL>::default();
         for (row, of_row) in [(above, 1.0 - fy), (below, fy)] {
             for (column, of_column) in [(left, 1.0 - fx), (right, fx)] {
                 mean.add(self.cells[row * self.width + column], of_row * of_column);
@@ -97,11 +101,6 @@ impl Level {
         }
         mean.cell()
     }
-}
-
-/// Whether weights count in cells of this level, the first having 4 x 4 pixels.
-fn is_local(depth: usize) -> bool {
-    4 << depth <= LOCAL_PX
 }
 
 /// The mean of some known cells, each a value times its weight, and the weight: 0 for what is unknown. Weights count
@@ -158,6 +157,26 @@ fn tent(
 }
 
 impl Pyramid {
+    /// Chooses what holes are filled with.
+    pub(super) fn set_filling(&mut self, filling: HoleFilling) {
+        self.filling = filling;
+    }
+
+    /// Whether holes are filled at all.
+    pub(super) fn leaves_holes(&self) -> bool {
+        self.filling == HoleFilling::Leave
+    }
+
+    /// Says where points move along.
+    pub(super) fn set_epipole(&mut self, epipole: Epipole) {
+        self.epipole = epipole;
+    }
+
+    /// Whether weights count in cells of this level, the first having 4 x 4 pixels.
+    fn is_local(&self, depth: usize) -> bool {
+        self.filling != HoleFilling::Even && 4 << depth <= LOCAL_PX
+    }
+
     /// Takes on the size of a picture of so many nodes.
     pub(super) fn fit(&mut self, (width, height): (usize, usize), nodes: usize) {
         self.nodes = nodes;
@@ -188,6 +207,7 @@ impl Pyramid {
     pub(super) fn build(&mut self, node: usize) {
         let (tiles, nodes) = (self.tiles.0, self.nodes);
         let row = tiles * HALF;
+        let counts_evenly = !self.is_local(0);
         let quarter = &mut self.levels[0];
         let bands = self.half.par_chunks(row * nodes * HALF).zip(self.present.par_chunks(tiles));
         quarter.cells.par_chunks_mut(row).zip(bands).for_each(|(cells, (half, present))| {
@@ -196,34 +216,49 @@ impl Pyramid {
                 let (upper, lower) = (&half[2 * y * row..][..row], &half[(2 * y + 1) * row..][..row]);
                 for (x, cell) in cells.iter_mut().enumerate() {
                     let is_there = present[x / (HALF / 2)] >> node & 1 == 1;
-                    let mut mean = Mean::<true>::default();
-                    for half in [upper[2 * x], upper[2 * x + 1], lower[2 * x], lower[2 * x + 1]] {
-                        mean.add(half, 1.0);
-                    }
-                    *cell = if is_there { mean.cell() } else { Vec4::ZERO };
+                    let cells = [upper[2 * x], upper[2 * x + 1], lower[2 * x], lower[2 * x + 1]];
+                    *cell = match is_there {
+                        true if counts_evenly => mean_of::<false>(cells),
+                        true => mean_of::<true>(cells),
+                        false => Vec4::ZERO,
+                    };
                 }
             }
         });
         for depth in 1..self.depth {
+            let is_local = self.is_local(depth);
             let (lower, upper) = self.levels.split_at_mut(depth);
             let (below, level) = (&lower[depth - 1], &mut upper[0]);
-            if is_local(depth) { pull::<true>(below, level) } else { pull::<false>(below, level) }
+            if is_local { pull::<true>(below, level) } else { pull::<false>(below, level) }
         }
         for depth in (0..self.depth - 1).rev() {
+            let is_local = self.is_local(depth + 1);
             let (lower, upper) = self.levels.split_at_mut(depth + 1);
-            push(&mut lower[depth], &upper[0], is_local(depth + 1));
+            push(&mut lower[depth], &upper[0], is_local);
         }
     }
 
     /// What a hole of the node built last is filled with at this pixel; black where nothing is known at all.
     pub(super) fn at(&self, node: usize, x: usize, y: usize) -> Vec3 {
+        match self.filling {
+            HoleFilling::Leave => return Vec3::ZERO,
+            HoleFilling::Background => {
+                if let Some(farther) = background(self, self.epipole, node, x, y) {
+                    return farther;
+                }
+            }
+            HoleFilling::Even | HoleFilling::PushPull => {}
+        }
+        let is_local = self.is_local(0);
         let size = (self.tiles.0 * HALF, self.tiles.1 * HALF);
         let near = tent((x, y), size, true, |x, y| self.known_half(node, x, y));
         // Far from everything known, the level above is all there is: no need to push it down to sums.
         let value = if near.w > 0.0 {
-            tent((x, y), size, true, |x, y| self.half_at(node, x, y))
+            tent((x, y), size, is_local, |x, y| self.half_at(node, x, y))
+        } else if is_local {
+            self.levels[0].at_pixel::<true>(x, y)
         } else {
-            self.levels[0].at_pixel(x, y)
+            self.levels[0].at_pixel::<false>(x, y)
         };
         if value.w > 0.0 { value.truncate() / value.w } else { Vec3::ZERO }
     }
@@ -239,10 +274,17 @@ impl Pyramid {
         }
     }
 
+    /// The sum of 2 x 2 pixels around a place, in sums; without weight where none is known, `None` beyond the border.
+    pub(super) fn known_around(&self, node: usize, at: Vec2) -> Option<Vec4> {
+        let size = (self.tiles.0 * HALF, self.tiles.1 * HALF);
+        let is_inside = at.x >= 0.0 && at.y >= 0.0 && at.x < size.0 as f32 && at.y < size.1 as f32;
+        is_inside.then(|| self.known_half(node, at.x as usize, at.y as usize))
+    }
+
     #[inline(always)]
     fn half_at(&self, node: usize, x: usize, y: usize) -> Vec4 {
         let known = self.known_half(node, x, y);
-        if known.w > 0.0 { known } else { self.levels[0].between(x, y, is_local(0)) }
+        if known.w > 0.0 { known } else { self.levels[0].between(x, y, self.is_local(0)) }
     }
 
     /// Fills the pixels of a picture that are not numbers, and tells how many they were.
@@ -251,6 +293,8 @@ impl Pyramid {
         if holes == 0 {
             return 0;
         }
+        // The baselines know nothing of where points move along, each pixel counting the same.
+        self.epipole = Epipole::default();
         self.fit((width, radiance.len() / width), 1);
         let known = |value: &Vec3| if value.is_nan() { Vec4::ZERO } else { value.extend(1.0) };
         self.half_bands().zip(radiance.par_chunks(width * TILE)).for_each(|(mut half, radiance)| {
@@ -275,6 +319,13 @@ impl Pyramid {
         });
         holes
     }
+}
+
+#[inline(always)]
+fn mean_of<const LOCAL: bool>(cells: [Vec4; 4]) -> Vec4 {
+    let mut mean = Mean::<LOCAL>::default();
+    cells.into_iter().for_each(|cell| mean.add(cell, 1.0));
+    mean.cell()
 }
 
 fn pull<const LOCAL: bool>(below: &Level, level: &mut Level) {
@@ -306,6 +357,51 @@ fn push(level: &mut Level, above: &Level, is_local: bool) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use warplight_protocol::{Camera, ImageSize, Pose};
+
+    /// A bright thing before a dark wall that has moved to the right: what it has uncovered is wall.
+    #[test]
+    fn only_the_background_continues_what_lies_behind() {
+        let (width, height) = (64, 64);
+        let value = |x: usize| match x {
+            0..24 => (0.1, 0.01),
+            24..40 => (f32::NAN, 0.0),
+            _ => (0.9, 1.0),
+        };
+        // Weights are the larger the farther: here what they are of the wall.
+        let weight = |nearness: f32| 1.0 / (0.01 + nearness);
+        let mut filled = [0.0; 4];
+        for (filling, filled) in HoleFilling::ALL.into_iter().zip(&mut filled) {
+            let mut pyramid = Pyramid::default();
+            pyramid.set_filling(filling);
+            pyramid.fit((width, height), 1);
+            pyramid.half_bands().for_each(|mut half| {
+                for tile in 0..half.tiles {
+                    half.set_present(tile, 1);
+                    for row in 0..HALF {
+                        for column in 0..HALF {
+                            let x = 2 * (tile * HALF + column);
+                            let known = |x: usize| match value(x) {
+                                (radiance, _) if radiance.is_nan() => Vec4::ZERO,
+                                (radiance, nearness) => Vec3::splat(radiance).extend(1.0) * weight(nearness),
+                            };
+                            half.row(0, tile, row)[column] = 2.0 * (known(x) + known(x + 1));
+                        }
+                    }
+                }
+            });
+            let camera = Camera::symmetric(1.0, ImageSize::new(64, 64));
+            let moved = Pose { position: glam::DVec3::NEG_X * 0.1, ..Pose::IDENTITY };
+            pyramid.set_epipole(Epipole::new(&Pose::IDENTITY, &moved, &camera));
+            pyramid.build(0);
+            *filled = pyramid.at(0, 36, 32).x;
+        }
+        let [leave, even, background, push_pull] = filled;
+        assert_eq!(leave, 0.0);
+        assert!((background - 0.1).abs() < 1e-6, "{background}");
+        // The middle of a cell nearer to the bright thing: even means lean to it, weighted ones to the wall.
+        assert!(even > 0.4 && push_pull < 0.5 * even && push_pull > 0.1, "{filled:?}");
+    }
 
     const HOLE: Vec3 = Vec3::NAN;
 

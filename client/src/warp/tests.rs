@@ -2,6 +2,7 @@
 
 use super::prepared::Prepared;
 use super::*;
+use crate::stability::bound;
 use glam::{DQuat, DVec3, Vec2};
 use warplight_protocol::ImageSize;
 use warplight_protocol::frame::{Interfaces, Plan, flatten};
@@ -339,6 +340,63 @@ fn nothing_infinite_or_undefined_leaves_the_warp() {
                 let statistics = warper.show(mode, &tree, &display_pose, &camera(), 1.0, &mut picture);
                 assert!((0.0..=1.0).contains(&statistics.hole_fraction));
             }
+        }
+    }
+}
+
+/// A mirror behind which all is infinitely far, behind which nothing is known, of which only single texels are, and one that
+/// bends so that a point is seen in it twice; from where the mirror's texels lie beside the picture, too.
+#[test]
+fn stability_specular_flow() {
+    let mut undefined = bound!("specular flow", "channels of a picture that are no number, infinite or negative", 0.0);
+    let mut uncounted =
+        bound!("specular flow", "pictures of a mirror that knows nothing in which that is not counted", 0.0);
+    let solvers = [
+        Solver::default(),
+        Solver::FrozenDistance { steps: Some(255) },
+        Solver::GaussNewton { steps: 30 },
+        Solver::Descent { steps: 100 },
+        Solver::ImageDistance,
+        Solver::Unfolded,
+    ];
+    for case in ["flat energy", "no valid neighbour", "single texels", "two optima"] {
+        let mut tree = Tree::new(pose(), camera(), Plan::mirror(), Interfaces(vec![Interface::Mirror]));
+        for pixel in 0..SIZE.pixels() {
+            let at = SIZE.pixel_centre(pixel) / Vec2::new(96.0, 64.0) - 0.5;
+            tree.nodes[0].distance[pixel] = camera().ray_in_view(SIZE.pixel_centre(pixel)).length() * 2.0;
+            tree.nodes[0].interface[pixel] = 1;
+            // Concave across and convex along: what is reflected at the left is reflected at the right again.
+            let bent = Vec3::new((12.0 * at.x).sin() * 0.5, 2.0 * at.y, 1.0).normalize();
+            tree.nodes[0].set_normal(pixel, if case == "two optima" { bent } else { Vec3::Z });
+            tree.nodes[1].set_radiance(pixel, Vec3::new(0.2, 0.5, 0.8));
+            tree.nodes[1].distance[pixel] = match case {
+                "flat energy" => f32::INFINITY,
+                "no valid neighbour" => 0.0,
+                "single texels" if !pixel.is_multiple_of(5) => 0.0,
+                _ => 3.0,
+            };
+        }
+        for (solver, (aside, turn)) in solvers
+            .into_iter()
+            .flat_map(|solver| [(1e-9, 0.0), (0.1, 0.05), (3.0, 0.9), (50.0, 3.1)].map(|m| (solver, m)))
+        {
+            let display_pose = Pose {
+                position: tree.render_pose.position + DVec3::new(aside, 0.3 * aside, 0.0),
+                orientation: tree.render_pose.orientation * DQuat::from_rotation_y(turn),
+            };
+            let (mut warper, mut radiance) = (Warper::default(), Vec::new());
+            warper.set_solver(solver);
+            warper.prepare(Mode::Specular, &tree);
+            let statistics = warper.radiance(Mode::Specular, &tree, &display_pose, &camera(), &mut radiance);
+            for channel in radiance.iter().flat_map(|radiance| radiance.to_array()) {
+                undefined
+                    .count(!channel.is_finite() || channel < 0.0, format!("{case}, {solver}, {aside} m: {channel}"));
+            }
+            let mirror = statistics.nodes[1];
+            assert!((0.0..=1.0).contains(&mirror.undefined) && (0.0..=1.0).contains(&statistics.hole_fraction));
+            let is_counted = mirror.seen == 0.0 || mirror.undefined == 1.0;
+            uncounted
+                .count(case == "no valid neighbour" && !is_counted, format!("{solver}, {aside} m: {statistics:?}"));
         }
     }
 }

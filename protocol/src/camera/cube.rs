@@ -161,7 +161,7 @@ mod tests {
         assert_eq!(faces, [Face { first_row: 0, camera: plane, face_from_view: Mat3::IDENTITY }]);
     }
 
-    /// numerics: unproject/project over the whole sphere, ties of axes included.
+    /// Unproject/project over the whole sphere, ties of axes included.
     #[test]
     fn every_direction_has_a_pixel_in_the_middle_of_a_face_that_shows_it() {
         let cube = cube();

@@ -109,7 +109,7 @@ mod tests {
     use proptest::prelude::*;
 
     proptest! {
-        /// numerics: depth code of bounded depth: near, far, infinite; the warped error is below the promised pixels.
+        /// Depth code of bounded depth: near, far, infinite; the warped error is below the promised pixels.
         #[test]
         fn depths_are_within_the_bound_before_any_residual(depth in 1e-2..1e5_f32, error in 1..=200_u16) {
             let camera = Camera::symmetric(1.4, ImageSize::new(1024, 1024));
@@ -130,7 +130,7 @@ mod tests {
         }
     }
 
-    /// numerics: depth code of behind, subnormal, no number; and what is nearer than fixed point can say.
+    /// Depth code of behind, subnormal, no number; and what is nearer than fixed point can say.
     #[test]
     fn extreme_depths_have_samples() {
         let mut samples = Vec::new();
@@ -146,6 +146,53 @@ mod tests {
         for near in [f32::from_bits(1), 1e-3, 1e30] {
             let step = step_per_m(DepthBound::default(), &camera, true, near);
             assert!(step > 0.0 && step.is_finite(), "{near}");
+        }
+    }
+
+    /// Smooth, with spikes, in steps: of the pixels that a prefix reaches each keeps the promise already, f32 in and f32
+    /// out; those between are continued from them, nearer to the truth with every level.
+    #[test]
+    fn every_prefix_of_a_depth_keeps_the_promise_where_it_reaches() {
+        let (width, height) = (97, 70);
+        let camera = Camera::symmetric(1.4, ImageSize::new(width, height));
+        let bound = DepthBound { error_centi_px: 10, motion_mm: 200, child_factor: 1 };
+        let h = bound.inverse_depth_error_per_m(camera.focal_px().max_element(), true);
+        let smooth = |x: u32, y: u32| 0.8 + 0.03 * x as f32 + 0.007 * y as f32;
+        let spiky = |x, y| if (7 * x + 13 * y) % 31 == 0 { 0.5 + 0.01 * y as f32 } else { smooth(x, y) };
+        let stepped = |x: u32, y: u32| 1.0 + 3.0 * (x / 17 % 3) as f32 + (y / 11 % 2) as f32;
+        type Surface<'a> = (&'a str, &'a dyn Fn(u32, u32) -> f32);
+        let surfaces: [Surface; 3] = [("smooth", &smooth), ("spiky", &spiky), ("stepped", &stepped)];
+        for (name, surface) in surfaces {
+            let depths: Vec<f32> = (0..width * height).map(|at| surface(at % width, at / width)).collect();
+            let nearest = depths.iter().copied().fold(f32::INFINITY, f32::min);
+            let step = step_per_m(bound, &camera, true, nearest);
+            let (mut samples, mut bytes) = (Vec::new(), Vec::new());
+            quantise(&depths, nearest, step, &mut samples);
+            Pyramid::default().encode(width as usize, ROUNDING, None, &mut samples, &mut bytes);
+            let mut mean_of_level = [f64::INFINITY; CoarseDepth::LEVELS + 1];
+            for end in 0..=bytes.len() {
+                let read = CoarseDepth::from_prefix(width as usize, height as usize, step, None, &bytes[..end]);
+                let Ok(coarse) = read else {
+                    assert!(mean_of_level[0].is_infinite(), "{name}: {end} bytes are refused, fewer are not");
+                    continue;
+                };
+                let stride = 32 >> coarse.levels;
+                let mut sum = 0.0;
+                for (at, (was, is)) in depths.iter().zip(&coarse.depths_m).enumerate() {
+                    let (x, y) = (at as u32 % width, at as u32 / width);
+                    let error = (1.0 / f64::from(*was) - 1.0 / f64::from(*is)).abs();
+                    let is_reached = x % stride == 0 && y % stride == 0;
+                    assert!(!is_reached || error <= h, "{name}, {end} bytes, {x} {y}: {was} {is}");
+                    sum += error;
+                }
+                mean_of_level[coarse.levels] = sum / depths.len() as f64;
+            }
+            assert!(mean_of_level[CoarseDepth::LEVELS] <= h, "{name}");
+            // Spikes are no plane that a coarser one could be like.
+            // Levels that take no byte come with the one before.
+            let seen: Vec<f64> = mean_of_level.into_iter().filter(|mean| mean.is_finite()).collect();
+            let falls = seen.len() > 2 && seen.windows(2).all(|pair| pair[1] <= pair[0]);
+            assert!(falls || name == "spiky", "{name}: {mean_of_level:?}");
         }
     }
 

@@ -293,7 +293,7 @@ mod tests {
         assert!((expand(66, 8) - 0.100_057).abs() < 1e-5);
     }
 
-    /// numerics: entries that are no number, infinite, subnormal; a scale of zero.
+    /// Entries that are no number, infinite, subnormal; a scale of zero.
     #[test]
     fn extreme_entries_have_codes() {
         for scale in [0.0, 1e-45, 1.0, MAX_CURVATURE_PER_M] {

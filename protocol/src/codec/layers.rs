@@ -212,14 +212,16 @@ impl LayersPlane {
             codes.clear();
         }
         for (pixel, &ratio) in ratios.iter().enumerate() {
-            let code = |channel: &[f32]| match ratio > 0.0 {
-                true => u32::from(color.quantise(channel[pixel] * ratio, white)),
-                false => 0,
+            let [red, green, blue] = match ratio > 0.0 {
+                true => {
+                    let source = [red[pixel] * ratio, green[pixel] * ratio, blue[pixel] * ratio];
+                    color.quantise_color(source, white).map(u32::from)
+                }
+                false => [0; 3],
             };
-            let green = code(green);
             self.codes[0].push(green);
-            self.codes[1].push(code(red).wrapping_sub(green) & mask);
-            self.codes[2].push(code(blue).wrapping_sub(green) & mask);
+            self.codes[1].push(red.wrapping_sub(green) & mask);
+            self.codes[2].push(blue.wrapping_sub(green) & mask);
         }
         (&mut self.codes, &self.defined, white)
     }

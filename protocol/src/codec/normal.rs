@@ -111,7 +111,7 @@ mod tests {
         }
     }
 
-    /// numerics: normals that are undefined.
+    /// Normals that are undefined.
     #[test]
     fn no_direction_gives_some_direction() {
         for bad in [Vec3::ZERO, Vec3::NAN, Vec3::INFINITY] {

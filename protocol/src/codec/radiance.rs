@@ -38,6 +38,16 @@ pub(crate) fn white(shape: &FrameShape, rows: &TreeRows<'_>, node: usize) -> f32
 pub(crate) fn quantise(color: ColorFormat, white: f32, planes: &NodeRows<'_>, codes: &mut [Vec<u32>; 3]) {
     let [red, green, blue] = &planes.radiance;
     let [first, second, third] = codes;
+    if color == ColorFormat::Rgb9e5 {
+        [&mut *first, &mut *second, &mut *third].into_iter().for_each(Vec::clear);
+        for ((&red, &green), &blue) in red.iter().zip(green.iter()).zip(blue.iter()) {
+            let [red, green, blue] = color.quantise_color([red, green, blue], white).map(u32::from);
+            first.push(green);
+            second.push(red);
+            third.push(blue);
+        }
+        return subtract_green(color, codes);
+    }
     for (plane, codes) in [(green, &mut *first), (red, &mut *second), (blue, &mut *third)] {
         // A loop of its own for each format, so that each has no branch.
         match color {
@@ -45,8 +55,16 @@ pub(crate) fn quantise(color: ColorFormat, white: f32, planes: &NodeRows<'_>, co
             ColorFormat::Root8 => quantise_channel(plane, |value| ColorFormat::Root8.quantise(value, white), codes),
             ColorFormat::Root10 => quantise_channel(plane, |value| ColorFormat::Root10.quantise(value, white), codes),
             ColorFormat::Half => quantise_channel(plane, |value| ColorFormat::Half.quantise(value, white), codes),
+            ColorFormat::Srgb8 => quantise_channel(plane, |value| ColorFormat::Srgb8.quantise(value, white), codes),
+            // Above: its channels are not each other's concern alone.
+            ColorFormat::Rgb9e5 => {}
         }
     }
+    subtract_green(color, codes);
+}
+
+/// Red and blue less green, modulo the width.
+fn subtract_green(color: ColorFormat, [first, second, third]: &mut [Vec<u32>; 3]) {
     let mask = mask(color);
     for codes in [second, third] {
         for (code, &green) in codes.iter_mut().zip(first.iter()) {

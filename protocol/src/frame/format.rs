@@ -1,7 +1,9 @@
 //! What the planes are quantised to: the rungs of the ladder between bytes and accuracy.
 
+use crate::tone::{ToneTable, linear_from_srgb8};
 use half::f16;
 use serde::{Deserialize, Serialize};
+use std::sync::LazyLock;
 
 /// How linear radiance becomes an integer per channel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
@@ -15,18 +17,37 @@ pub enum ColorFormat {
     Root10,
     /// A half float per channel: no white, no clipping below 65504.
     Half,
+    /// 8 bits by the transfer of displays (IEC 61966-2-1) up to the strip's white.
+    Srgb8,
+    /// Nine bits per channel and five of an exponent that all three share, as `RGB9_E5` of graphics cards
+    /// (EXT_texture_shared_exponent): no white, no clipping below 65408. Each channel's code carries the exponent in its upper five bits, so that
+    /// its value is known by itself; differences of channels then cost no more than those of their nine bits.
+    Rgb9e5,
 }
 
 impl ColorFormat {
     /// Every format, by wire code.
-    pub const ALL: [ColorFormat; 4] =
-        [ColorFormat::Linear8, ColorFormat::Root8, ColorFormat::Root10, ColorFormat::Half];
+    pub const ALL: [ColorFormat; 6] = [
+        ColorFormat::Linear8,
+        ColorFormat::Root8,
+        ColorFormat::Root10,
+        ColorFormat::Half,
+        ColorFormat::Srgb8,
+        ColorFormat::Rgb9e5,
+    ];
+
+    /// Whether codes that are close to each other always have values that are: not those of floats, where a carry moves
+    /// into the exponent.
+    pub const fn has_even_steps(self) -> bool {
+        !matches!(self, ColorFormat::Half | ColorFormat::Rgb9e5)
+    }
 
     /// Bits per channel.
     pub const fn bits(self) -> usize {
         match self {
-            ColorFormat::Linear8 | ColorFormat::Root8 => 8,
+            ColorFormat::Linear8 | ColorFormat::Root8 | ColorFormat::Srgb8 => 8,
             ColorFormat::Root10 => 10,
+            ColorFormat::Rgb9e5 => (MANTISSA_BITS + EXPONENT_BITS) as usize,
             ColorFormat::Half => 16,
         }
     }
@@ -42,6 +63,21 @@ impl ColorFormat {
             ColorFormat::Root8 => nearest_integer(fraction(value).sqrt() * 255.0),
             ColorFormat::Root10 => nearest_integer(fraction(value).sqrt() * 1023.0),
             ColorFormat::Half => f16::from_f32(value.min(f16::MAX.to_f32())).to_bits(),
+            ColorFormat::Srgb8 => u16::from(tone_table().srgb8_from_linear(fraction(value))),
+            ColorFormat::Rgb9e5 => with_exponent(value, shared_exponent(value)),
+        }
+    }
+
+    /// The codes of a colour: of each channel its own, but of [`ColorFormat::Rgb9e5`], whose channels share an exponent.
+    #[inline(always)]
+    pub fn quantise_color(self, color: [f32; 3], white: f32) -> [u16; 3] {
+        match self {
+            ColorFormat::Rgb9e5 => {
+                // `max` drops NaN.
+                let exponent = shared_exponent(color[0].max(color[1]).max(color[2]));
+                color.map(|value| with_exponent(value, exponent))
+            }
+            _ => color.map(|value| self.quantise(value, white)),
         }
     }
 
@@ -55,8 +91,53 @@ impl ColorFormat {
                 let value = f16::from_bits(code).to_f32();
                 if value.is_finite() { value.max(0.0) } else { 0.0 }
             }
+            // One byte, as all codes of 8 bits.
+            ColorFormat::Srgb8 => linear_from_srgb8(code as u8) * white,
+            ColorFormat::Rgb9e5 => {
+                let (mantissa, exponent) = (code & ((1 << MANTISSA_BITS) - 1), code >> MANTISSA_BITS);
+                f32::from(mantissa) * step(exponent)
+            }
         }
     }
+}
+
+/// Bits of a channel of [`ColorFormat::Rgb9e5`], and of the exponent.
+const MANTISSA_BITS: u32 = 9;
+const EXPONENT_BITS: u32 = 5;
+/// What the exponent's code is above the exponent.
+const EXPONENT_BIAS: i32 = 15;
+
+fn tone_table() -> &'static ToneTable {
+    static TABLE: LazyLock<ToneTable> = LazyLock::new(ToneTable::default);
+    &TABLE
+}
+
+/// A step of a mantissa under the exponent of this code: a power of two, put together from its bits.
+#[inline(always)]
+fn step(exponent: u16) -> f32 {
+    let power = i32::from(exponent & ((1 << EXPONENT_BITS) - 1)) - EXPONENT_BIAS - MANTISSA_BITS as i32;
+    f32::from_bits(((power + 127) as u32) << 23)
+}
+
+/// The code of the smallest exponent under which a value is a mantissa, rounding included; the largest, if it never is.
+#[inline(always)]
+fn shared_exponent(largest: f32) -> u16 {
+    const HIGHEST: i32 = (1 << EXPONENT_BITS) - 1;
+    let value = if largest > 0.0 { largest } else { 0.0 };
+    // Floor of the logarithm: a float's own exponent; that of what is subnormal is far below ours anyway.
+    let floor = (value.to_bits() >> 23) as i32 - 127;
+    let exponent = (floor + 1 + EXPONENT_BIAS).clamp(0, HIGHEST) as u16;
+    let rounds_up = value / step(exponent) >= 511.5;
+    (exponent + u16::from(rounds_up)).min(HIGHEST as u16)
+}
+
+/// The code of a value under an exponent; not a number and below zero give 0, what is too large the largest.
+#[inline(always)]
+fn with_exponent(value: f32, exponent: u16) -> u16 {
+    let value = if value > 0.0 { value } else { 0.0 };
+    let mantissa = nearest_integer((value / step(exponent)).min(511.0));
+    // All of a black pixel is 0, whatever its exponent would be.
+    exponent << MANTISSA_BITS | mantissa
 }
 
 /// Rounds 0 to 65535 half to even: the sum with 2^23 has no room for a fraction, and the integer in its lowest
@@ -93,7 +174,7 @@ impl ColorCoding {
     pub fn is_valid(&self, color: ColorFormat) -> bool {
         match self {
             ColorCoding::Exact => true,
-            ColorCoding::Bounded { error } => Self::ERRORS.contains(error) && color != ColorFormat::Half,
+            ColorCoding::Bounded { error } => Self::ERRORS.contains(error) && color.has_even_steps(),
             ColorCoding::Video { quantiser } => Self::QUANTISERS.contains(quantiser) && color.bits() == 8,
         }
     }
@@ -368,13 +449,60 @@ mod tests {
             for white in [0.25, 1.0, 16.0] {
                 let codes = if format == ColorFormat::Half { f16::MAX.to_bits() } else { (1 << format.bits()) - 1 };
                 for code in 0..=codes {
-                    assert_eq!(format.quantise(format.dequantise(code, white), white), code, "{format:?}");
+                    let value = format.dequantise(code, white);
+                    let again = format.quantise(value, white);
+                    // Several codes of a shared exponent have one value, of which the finest is sent.
+                    assert_eq!(format.dequantise(again, white), value, "{format:?} {code}");
+                    assert!(format == ColorFormat::Rgb9e5 || again == code, "{format:?} {code} {again}");
                 }
             }
         }
     }
 
-    /// numerics: tone and colour codes of 0, subnormal, 1e8, negative, infinite and no number.
+    /// Half a step of the brightest channel's mantissa, which is at least 255.75 before it is rounded: one of 511.5 parts; no
+    /// other channel is off by more.
+    #[test]
+    fn a_shared_exponent_is_off_by_half_a_step_of_the_brightest_channel() {
+        let format = ColorFormat::Rgb9e5;
+        let mut state = 1_u32;
+        let mut random = || {
+            state = state.wrapping_mul(747_796_405).wrapping_add(2_891_336_453);
+            // Exponents that have a normal step.
+            f32::from_bits((state >> 9) | ((127 - 14 + (state % 29)) << 23))
+        };
+        for _ in 0..100_000 {
+            let color = [random(), random(), random()];
+            let codes = format.quantise_color(color, 1.0);
+            assert!(codes.iter().all(|code| code >> MANTISSA_BITS == codes[0] >> MANTISSA_BITS), "{color:?}");
+            let largest = color[0].max(color[1]).max(color[2]);
+            for (value, code) in color.into_iter().zip(codes) {
+                let error = (format.dequantise(code, 1.0) - value).abs();
+                assert!(error <= largest / 511.5, "{color:?}: {error}");
+            }
+        }
+        // What rounds up to the next power of two; the largest; beyond; black; what is no number.
+        for (color, expected) in [
+            ([511.75, 3.0, 0.0], [512.0, 4.0, 0.0]),
+            ([65_408.0, 1e9, f32::INFINITY], [65_408.0; 3]),
+            ([0.0, -1.0, f32::NAN], [0.0; 3]),
+            ([1e-30, 0.0, 0.0], [0.0; 3]),
+        ] {
+            let codes = format.quantise_color(color, 1.0);
+            assert_eq!(codes.map(|code| format.dequantise(code, 1.0)), expected, "{color:?}");
+        }
+        assert_eq!(format.quantise_color([f32::NAN, 0.25, f32::NEG_INFINITY], 1.0)[1] & 511, 256);
+    }
+
+    #[test]
+    fn codes_of_displays_are_those_of_the_tone() {
+        for code in 0..=255_u8 {
+            let value = linear_from_srgb8(code);
+            assert_eq!(ColorFormat::Srgb8.quantise(4.0 * value, 4.0), u16::from(code));
+            assert_eq!(ColorFormat::Srgb8.dequantise(code.into(), 4.0), 4.0 * value);
+        }
+    }
+
+    /// Tone and colour codes of 0, subnormal, 1e8, negative, infinite and no number.
     #[test]
     fn extreme_radiance_gives_a_finite_monotone_code() {
         for format in ColorFormat::ALL {

@@ -108,6 +108,11 @@ impl Plan {
         Ok(Plan { nodes })
     }
 
+    /// Its first nodes, as many as there are: children come after their parents, so it is a plan, too.
+    pub fn first(&self, nodes: usize) -> Plan {
+        Plan { nodes: self.nodes[..nodes.clamp(1, self.nodes.len())].to_vec() }
+    }
+
     /// The nodes, root first.
     pub fn nodes(&self) -> &[Node] {
         &self.nodes

@@ -17,7 +17,7 @@ use crate::Timestamp;
 use crate::codec::{DecodeError, Limits};
 
 /// Version of the wire format; it changes with every change of bytes.
-pub const VERSION: u16 = 5;
+pub const VERSION: u16 = 6;
 
 /// First bytes of every session.
 pub const MAGIC: [u8; 4] = *b"WARP";

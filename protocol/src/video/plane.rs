@@ -29,6 +29,7 @@ pub fn quantise(
     // A function of its own for each format, so that neither branches by pixel.
     match color {
         ColorFormat::Linear8 => source.write(|value, white| ColorFormat::Linear8.quantise(value, white), picture),
+        ColorFormat::Srgb8 => source.write(|value, white| ColorFormat::Srgb8.quantise(value, white), picture),
         _ => source.write(|value, white| ColorFormat::Root8.quantise(value, white), picture),
     }
 }
@@ -187,6 +188,9 @@ pub fn dequantise(
     match color {
         ColorFormat::Linear8 => {
             read(size, decoded, placement, radiance, |code| ColorFormat::Linear8.dequantise(code.into(), white));
+        }
+        ColorFormat::Srgb8 => {
+            read(size, decoded, placement, radiance, |code| ColorFormat::Srgb8.dequantise(code.into(), white));
         }
         _ => read(size, decoded, placement, radiance, |code| ColorFormat::Root8.dequantise(code.into(), white)),
     }

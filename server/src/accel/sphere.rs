@@ -42,7 +42,7 @@ mod tests {
         assert_eq!(hit(Vec3::new(2.1, 0.0, 0.0)), None);
     }
 
-    /// numerics: 1e-6 and 1e6 scale, 10 km from the origin.
+    /// 1e-6 and 1e6 scale, 10 km from the origin.
     #[test]
     fn small_and_far_spheres_are_hit_where_they_are() {
         for (distance, radius) in [(1.0, 1e-6), (1e4, 1e-1), (1e6, 1e5), (1e-3, 1e-6_f32)] {

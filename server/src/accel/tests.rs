@@ -4,6 +4,7 @@ use super::brute::BruteForce;
 use super::{Accel, Ray, SurfacePoint};
 use crate::integrator::sampler::Sampler;
 use crate::scene::Scene;
+use crate::stability::bound;
 use crate::testing::{SceneBuilder, diffuse};
 use glam::{Vec3, Vec3Swizzles};
 use rayon::prelude::*;
@@ -52,10 +53,11 @@ fn rays(count: u32, scale: f32, shift: Vec3) -> impl Iterator<Item = Ray> {
     })
 }
 
-/// numerics: ray/box and ray/triangle; axis-parallel rays, origin on a plane, slivers, 1e-6 and 1e6 scale,
-/// 10 km from the origin: the same hits as brute force, to the bit, with each kind of instructions.
+/// Axis-parallel rays, origin on a plane, slivers, 1e-6 and 1e6 scale, 10 km from the origin: the same hits as brute force, to
+/// the bit, with each kind of instructions.
 #[test]
-fn the_hierarchy_finds_what_brute_force_finds() {
+fn stability_ray_and_box() {
+    let mut differing = bound!("ray and box", "hits that are not those of brute force, of 20,000 rays", 0.0);
     let places = [
         (1.0, Vec3::ZERO),
         (1e-6, Vec3::ZERO),
@@ -72,9 +74,10 @@ fn the_hierarchy_finds_what_brute_force_finds() {
             hits += u32::from(expected.is_some());
             for accel in accel.by_instructions() {
                 let found = accel.closest(&ray);
-                assert_eq!(found, expected, "{ray:?} at scale {scale} by {}", accel.instructions());
+                differing.count(found != expected, format!("{ray:?} at scale {scale} by {}", accel.instructions()));
                 for limit in expected.map(|hit| [hit.distance * 0.999, hit.distance * 1.001]).into_iter().flatten() {
-                    assert_eq!(accel.occluded(&ray, limit), brute.occluded(&ray, limit), "{ray:?} up to {limit}");
+                    let differs = accel.occluded(&ray, limit) != brute.occluded(&ray, limit);
+                    differing.count(differs, format!("{ray:?} up to {limit}"));
                 }
             }
         }
@@ -170,9 +173,10 @@ fn shapes_that_moved_are_found_where_they_are() {
     }
 }
 
-/// numerics: watertight at every scale and far from the origin, where vertices are coarse.
+/// Watertight at every scale and far from the origin, where vertices are coarse.
 #[test]
-fn no_ray_leaves_a_closed_mesh_at_any_scale() {
+fn stability_ray_and_triangle_at_any_scale() {
+    let mut leaking = bound!("ray and box", "leaks of closed meshes at four scales, of 1e5 rays each", 0.0);
     let places =
         [(1e-6, Vec3::ZERO), (1e6, Vec3::ZERO), (1.0, Vec3::new(1e4, -5e3, 1e4)), (0.01, Vec3::new(500.0, 0.0, 0.0))];
     for (scale, shift) in places {
@@ -194,14 +198,15 @@ fn no_ray_leaves_a_closed_mesh_at_any_scale() {
                     leaks
                 })
                 .sum();
-            assert_eq!(leaks, 0, "{scale} at {shift} by {}", accel.instructions());
+            leaking.see(leaks as f64, format!("{scale} at {shift} by {}", accel.instructions()));
         }
     }
 }
 
-/// numerics: watertight on a closed mesh: 1e7 rays, no leak; half of them aimed at vertices and edges.
+/// 1e7 rays, half of them aimed at vertices and edges.
 #[test]
-fn no_ray_leaves_a_closed_mesh() {
+fn stability_ray_and_triangle() {
+    let mut leaking = bound!("ray and box", "leaks of closed meshes, of 1e7 rays", 0.0);
     let bodies = [
         SceneBuilder::new().ball(Vec3::new(0.3, -0.2, 0.1), 1.0, 3, false, diffuse(0.5)).build(),
         SceneBuilder::new().cube(Vec3::new(0.3, -0.2, 0.1), 1.5, diffuse(0.5)).build(),
@@ -228,13 +233,15 @@ fn no_ray_leaves_a_closed_mesh() {
                     .count() as u32
             })
             .sum();
-        assert_eq!(leaks, 0);
+        leaking.see(leaks.into(), "a body");
     }
 }
 
-/// numerics: leaving a surface; no acne and no leak at every scale and grazing angle.
+/// No acne and no leak at every scale and grazing angle.
 #[test]
-fn a_ray_that_leaves_a_surface_does_not_meet_it_again() {
+fn stability_leaving_a_surface() {
+    let mut acne = bound!("leaving", "rays that meet again what they leave, of 2.4e5", 0.0);
+    let mut leaking = bound!("leaving", "rays inwards that meet the place they start from", 0.0);
     for (scale, shift) in
         [(1.0, Vec3::ZERO), (1e-3, Vec3::ZERO), (1e4, Vec3::ZERO), (1.0, Vec3::new(500.0, 20.0, -300.0))]
     {
@@ -265,17 +272,15 @@ fn a_ray_that_leaves_a_surface_does_not_meet_it_again() {
                 (again.primitive >= scene.mesh.triangles.len() as u32)
                     == (point.primitive >= scene.mesh.triangles.len() as u32)
             });
-            assert!(
-                !same_body || again.is_some_and(|again| again.distance > scale),
-                "{point:?} {direction} {again:?} at scale {scale}"
-            );
+            let is_met_again = same_body && again.is_some_and(|again| again.distance <= scale);
+            acne.count(is_met_again, format!("{point:?} {direction} {again:?} at scale {scale}"));
             // Inwards something else is met than the place it starts from.
             if index % 3 != 2 {
                 let inwards = (across - elevation * point.geometric_normal).normalize();
                 let far = accel.closest(&point.leave(inwards)).expect("a closed body");
                 let is_sphere = point.primitive >= scene.mesh.triangles.len() as u32;
                 let apart = if is_sphere { far.distance > elevation * scale } else { far.primitive != point.primitive };
-                assert!(apart, "{point:?} {inwards} {far:?} at scale {scale}");
+                leaking.count(!apart, format!("{point:?} {inwards} {far:?} at scale {scale}"));
             }
             left += 1;
         }

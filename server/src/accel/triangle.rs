@@ -220,7 +220,7 @@ mod tests {
         }
     }
 
-    /// numerics: ray/triangle, coplanar rays, slivers, zero area, axis-parallel rays from the plane itself.
+    /// Coplanar rays, slivers, zero area, axis-parallel rays from the plane itself.
     #[test]
     fn degenerate_cases_give_no_hit_or_a_finite_one() {
         let flat = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]];

@@ -55,6 +55,11 @@ impl Lambert {
         is_seen.then(|| Lambert::new(point, direction, medium, albedo.at(&scene.textures, point.uv)))
     }
 
+    /// What it makes of irradiance over pi.
+    pub(crate) fn albedo(&self) -> Vec3 {
+        self.albedo
+    }
+
     /// Whether it reflects nothing.
     pub(crate) fn is_black(&self) -> bool {
         self.albedo == Vec3::ZERO
@@ -103,7 +108,7 @@ mod tests {
         }
     }
 
-    /// numerics: sampling; a chi-square test of the sampler against its own density.
+    /// A chi-square test of the sampler against its own density.
     #[test]
     fn directions_follow_their_density() {
         const CELLS: usize = 32;

@@ -137,6 +137,9 @@ pub(crate) struct LobeSample {
     pub(crate) eta2: f32,
 }
 
+/// Whether this is the build that knows diffuse surfaces alone, to measure what the others cost scenes without them.
+pub(crate) const DIFFUSE_ONLY: bool = cfg!(feature = "diffuse-only");
+
 /// Makes what is looked up for a scene's surfaces, so that no path has to wait for it.
 pub(crate) fn prepare(scene: &Scene) {
     for material in &scene.materials {
@@ -182,6 +185,12 @@ impl Bsdf {
             return bsdf;
         }
         let textures = &scene.textures;
+        if DIFFUSE_ONLY {
+            if let Surface::Diffuse { albedo } = &material.surface {
+                bsdf.diffuse = albedo.at(textures, point.uv);
+            }
+            return bsdf;
+        }
         match &material.surface {
             Surface::Diffuse { albedo } => bsdf.diffuse = albedo.at(textures, point.uv),
             Surface::Mirror { filter } => {
@@ -291,7 +300,7 @@ impl Bsdf {
 
     /// Events whose direction is certain.
     pub(crate) fn sharp(&self) -> Option<&Boundary> {
-        self.boundary.as_ref().filter(|_| self.is_sharp)
+        self.boundary.as_ref().filter(|_| self.is_sharp && !DIFFUSE_ONLY)
     }
 
     /// The boundary that stands for the [`Lobes::REFLECTED`] and [`Lobes::REFRACTED`] of a surface that is rough
@@ -299,7 +308,7 @@ impl Bsdf {
     /// this boundary's ray, holds what the lobe makes of the light over the boundary's weight
     /// (`reflectance`, or 1 - `reflectance`). `None` where the surface has sharp events or is rougher.
     pub(crate) fn nearly_sharp(&self) -> Option<&Boundary> {
-        self.boundary.as_ref().filter(|_| !self.is_sharp)
+        self.boundary.as_ref().filter(|_| !self.is_sharp && !DIFFUSE_ONLY)
     }
 
     /// What Lambert reflection makes of irradiance over pi, on average over where it comes from.
@@ -323,6 +332,7 @@ impl Bsdf {
     fn weights(&self, lobes: Lobes) -> [f32; 2] {
         let diffuse = if lobes.have(Lobes::DIFFUSE) { self.diffuse.max_element() } else { 0.0 };
         let glossy = match &self.glossy {
+            _ if DIFFUSE_ONLY => 0.0,
             Glossy::None => 0.0,
             Glossy::Conductor(lobe) => lobe.albedo(lobes),
             Glossy::Dielectric(lobe) => lobe.albedo(lobes),

@@ -1,9 +1,10 @@
-//! `inspect`: which effects a scene calls for and why, and what its frames hold.
+//! `inspect`: which effects a scene calls for and why, which it does not and why not, and what its frames hold.
 //!
-//! Rays and times are measured on a small frame from the scene's first camera and scaled to the nominal one.
-//! What an effect costs is what a frame without it does not: the scene is rendered as it is and with each effect
-//! switched off in turn. An effect that ends paths early (a sky) saves time; effects share rays, so their costs
-//! do not add up to the frame's.
+//! Rays, bytes and times are measured on a small frame from the scene's first camera and scaled by pixels to the nominal
+//! one. What an effect costs is what a frame without it does not: the scene is rendered and encoded as it is and with
+//! each effect switched off in turn, with the same nodes. An effect that ends paths early (a sky) saves time; effects share
+//! rays, so their costs do not add up to the frame's. An effect that is off costs nothing: switched off again it changes
+//! no byte, which a test of all scenes holds, so it is not measured here.
 
 use super::{Failure, load_scene, print};
 use crate::counters::{Counters, RayCounts};
@@ -13,9 +14,10 @@ use crate::march::MediaBounds;
 use clap::Args;
 use serde::Serialize;
 use std::fmt::Write;
-use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
-use warplight_protocol::codec::FrameShape;
+use warplight_protocol::codec::{FrameShape, StripEncoder};
 use warplight_protocol::frame::{FrameFormat, Interfaces, Plan, Tree, VolumeFormat, VolumeRange};
 use warplight_protocol::{Camera, ImageSize, Pose};
 
@@ -40,7 +42,10 @@ struct Report {
     schema: u32,
     scene: String,
     frame: FrameReport,
+    /// Those that are on.
     effects: Vec<EffectReport>,
+    /// All others.
+    off: Vec<OffReport>,
     plan: PlanReport,
     warnings: Vec<String>,
 }
@@ -52,7 +57,14 @@ struct FrameReport {
     max_depth: u32,
     primary_rays: u64,
     rays: u64,
+    bytes: u64,
     ms: f64,
+}
+
+#[derive(Serialize)]
+struct OffReport {
+    name: &'static str,
+    why: &'static str,
 }
 
 #[derive(Serialize)]
@@ -61,6 +73,8 @@ struct EffectReport {
     why: String,
     /// Rays of a frame less those of one without the effect; negative where it ends paths.
     rays_per_frame: i64,
+    /// Bytes of a frame in the default format less those of one without it; negative where it makes a frame smoother.
+    bytes_per_frame: i64,
     /// Time of a frame less that of one without it.
     ms_per_frame: f64,
 }
@@ -106,8 +120,9 @@ pub(super) fn run(args: &InspectArgs) -> Result<(), Failure> {
     for _ in 0..PROBES {
         probes.iter_mut().for_each(Probe::render);
     }
-    let figures: Vec<Figures> = probes.iter().map(Probe::figures).collect();
+    let figures: Vec<Figures> = probes.iter_mut().map(Probe::figures).collect();
     let whole = figures[0];
+    let off = effects.off().map(|(kind, why)| OffReport { name: kind.name(), why }).collect();
     let effects = effects
         .iter()
         .zip(&figures[1..])
@@ -115,6 +130,7 @@ pub(super) fn run(args: &InspectArgs) -> Result<(), Failure> {
             name: effect.kind.name(),
             why: effect.why.clone(),
             rays_per_frame: whole.rays as i64 - rest.rays as i64,
+            bytes_per_frame: whole.bytes as i64 - rest.bytes as i64,
             ms_per_frame: whole.ms - rest.ms,
         })
         .collect();
@@ -124,17 +140,21 @@ pub(super) fn run(args: &InspectArgs) -> Result<(), Failure> {
         max_depth: MAX_DEPTH,
         primary_rays: whole.primary_rays,
         rays: whole.rays,
+        bytes: whole.bytes,
         ms: whole.ms,
     };
     let camera = Camera::symmetric(vertical_fov_rad, NOMINAL);
     let has_media = !MediaBounds::of(&scene).is_empty();
     let plan = plan_report(plan, renderer.interfaces().clone(), camera, exposure, has_media);
-    let report = Report { schema: 1, scene: args.scene.clone(), frame, effects, plan, warnings };
+    let report = Report { schema: 1, scene: args.scene.clone(), frame, effects, off, plan, warnings };
     print(&if args.json { serde_json::to_string(&report).map_err(Failure::runtime)? } else { in_words(&report) })
 }
 
 /// Frames that each figure is the median of.
 const PROBES: usize = 7;
+
+/// Samples of the light of every voxel, before what is timed.
+const LIGHT_SPP: u32 = 1;
 
 /// A small frame, rendered again and again.
 struct Probe<'a> {
@@ -150,6 +170,7 @@ struct Probe<'a> {
 struct Figures {
     primary_rays: u64,
     rays: u64,
+    bytes: u64,
     ms: f64,
 }
 
@@ -170,6 +191,10 @@ impl Probe<'_> {
             seed: 1,
         };
         let tree = Tree::new(pose, camera, plan.clone(), Interfaces::default());
+        if request.volume.is_some() {
+            // A session has some light in its media before long; without, layers would be black and cost no bytes.
+            renderer.refine_all_light(LIGHT_SPP, MAX_DEPTH, 1);
+        }
         let mut probe = Probe { renderer, request, tree, seconds: Vec::new(), counted: RayCounts::default() };
         // The first frame warms caches and starts threads.
         probe.render();
@@ -185,7 +210,32 @@ impl Probe<'_> {
         self.counted = counters.snapshot();
     }
 
-    fn figures(&self) -> Figures {
+    /// Bytes of the frame's strips, rendered once more.
+    fn bytes(&mut self) -> usize {
+        let scene = self.renderer.scene();
+        let shape = FrameShape {
+            camera: self.request.camera,
+            plan: self.request.plan.clone(),
+            interfaces: self.renderer.interfaces().clone(),
+            format: FrameFormat {
+                volume: self.request.volume.map_or(VolumeFormat::NONE, |volume| volume.format),
+                ..FrameFormat::default()
+            },
+            volume: self.request.volume.map_or_else(VolumeRange::default, |volume| volume.range),
+            strip_rows: BAND_ROWS as u16,
+            exposure: scene.exposure,
+        };
+        let bytes = AtomicUsize::new(0);
+        let encoder = Mutex::new(StripEncoder::new(StripEncoder::DEFAULT_LEVEL));
+        self.renderer.render(&self.request, &mut self.tree, &Counters::default(), &|band| {
+            let mut strip = Vec::new();
+            encoder.lock().unwrap_or_else(PoisonError::into_inner).encode(&shape, band, &mut strip);
+            bytes.fetch_add(strip.len(), Ordering::Relaxed);
+        });
+        bytes.into_inner()
+    }
+
+    fn figures(&mut self) -> Figures {
         let mut seconds = self.seconds.clone();
         seconds.sort_by(f64::total_cmp);
         let scale = NOMINAL.pixels() as f64 / PROBE.pixels() as f64;
@@ -193,6 +243,7 @@ impl Probe<'_> {
         Figures {
             primary_rays: scaled(self.counted.primary),
             rays: scaled(self.counted.rays()),
+            bytes: scaled(self.bytes() as u64),
             ms: seconds[seconds.len() / 2] * scale * 1e3,
         }
     }
@@ -218,20 +269,23 @@ fn plan_report(plan: Plan, interfaces: Interfaces, camera: Camera, exposure: f32
 
 fn in_words(report: &Report) -> String {
     let mut text = String::new();
-    let FrameReport { size: [width, height], ms, rays, .. } = report.frame;
+    let FrameReport { size: [width, height], ms, rays, bytes, .. } = report.frame;
     // Writing to a string cannot fail.
     let _ = writeln!(
         text,
-        "{}: {rays} rays and {ms:.0} ms per frame of {width}x{height} at 1 sample per pixel",
+        "{}: {rays} rays, {bytes} bytes and {ms:.0} ms per frame of {width}x{height} at 1 sample per pixel",
         report.scene
     );
     let _ = writeln!(text, "effects");
     for effect in &report.effects {
         let _ = writeln!(
             text,
-            "  {:24} {:>10} rays {:>8.1} ms  {}",
-            effect.name, effect.rays_per_frame, effect.ms_per_frame, effect.why
+            "  on   {:24} {:>10} rays {:>9} bytes {:>8.1} ms  {}",
+            effect.name, effect.rays_per_frame, effect.bytes_per_frame, effect.ms_per_frame, effect.why
         );
+    }
+    for effect in &report.off {
+        let _ = writeln!(text, "  off  {:24} {:>41}  {}", effect.name, "-", effect.why);
     }
     let _ = writeln!(text, "frame plan {{{}}}", report.plan.nodes.join(", "));
     for plane in &report.plan.planes {

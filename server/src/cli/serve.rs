@@ -1,6 +1,7 @@
 //! `serve`: sessions of one scene, until the process is told to stop.
 
 use super::{Failure, load_scene};
+use crate::costs::KnownCosts;
 use crate::net::{self, Identity};
 use crate::service::{DEFAULT_GUARD_DEG, DEFAULT_MAX_DEPTH, Estimator, Service, ServiceOptions, guard_deg};
 use crate::session::SampleBudget;
@@ -8,8 +9,12 @@ use anyhow::{Context, anyhow};
 use clap::Args;
 use std::net::SocketAddr;
 use std::path::PathBuf;
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 use warplight_protocol::frame::Plan;
+
+/// Time for the samples of a frame, where no other is asked for.
+const DEFAULT_BUDGET_MS: u64 = 80;
 
 /// Arguments of `serve`.
 #[derive(Debug, Args)]
@@ -43,9 +48,14 @@ pub(super) struct ServeArgs {
     /// Samples per pixel and node of a frame; by default as many as the time budget allows.
     #[arg(long, value_name = "N", conflicts_with = "time_budget_ms", value_parser = clap::value_parser!(u32).range(1..=4096))]
     spp: Option<u32>,
-    /// Time for a frame in milliseconds.
-    #[arg(long, value_name = "T", default_value_t = 80, value_parser = clap::value_parser!(u64).range(1..=60_000))]
-    time_budget_ms: u64,
+    /// Time for a frame in milliseconds: frames have as many pixels, nodes and samples as fit [default: all pixels and
+    /// nodes, and samples for 80 ms].
+    #[arg(long, value_name = "T", value_parser = clap::value_parser!(u64).range(1..=60_000))]
+    time_budget_ms: Option<u64>,
+    /// Cost model of --time-budget-ms; its times are refreshed [default: that beside the scene where there is one, else the
+    /// built-in one].
+    #[arg(long, value_name = "FILE", requires = "time_budget_ms")]
+    cost_model: Option<PathBuf>,
     /// How live frames find the light on diffuse surfaces.
     #[arg(long, value_name = "E", value_enum, default_value_t)]
     estimator: Estimator,
@@ -93,10 +103,15 @@ pub(super) fn run(args: &ServeArgs) -> Result<(), Failure> {
             "--metrics {address}: beyond loopback anyone may read them: expected a loopback address, or --insecure"
         )));
     }
+    let known = args.time_budget_ms.map(|_| KnownCosts::of(Some(&args.scene), args.cost_model.as_deref()));
+    let known = known.transpose().context("--cost-model").map_err(Failure::input)?;
+    if let Some(warning) = known.as_ref().and_then(|known| known.warning.as_ref()) {
+        tracing::warn!("{warning}");
+    }
     let scene = load_scene(&args.scene)?;
     let samples = match args.spp {
         Some(spp) => SampleBudget::Samples(spp),
-        None => SampleBudget::Time(Duration::from_millis(args.time_budget_ms)),
+        None => SampleBudget::Time(Duration::from_millis(args.time_budget_ms.unwrap_or(DEFAULT_BUDGET_MS))),
     };
     let options = ServiceOptions {
         samples,
@@ -124,6 +139,9 @@ pub(super) fn run(args: &ServeArgs) -> Result<(), Failure> {
         let mut service =
             Service::new(scene, options).context("starting the rendering threads").map_err(Failure::runtime)?;
         service.session.token = token;
+        if let Some(known) = known {
+            service.choose_points(Arc::new(Mutex::new(known)));
+        }
         if let Some(address) = args.metrics {
             let at = crate::metrics::http::serve(address, service.metrics.clone())
                 .with_context(|| format!("--metrics {address}"))

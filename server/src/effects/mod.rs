@@ -1,7 +1,8 @@
 //! The effects a scene calls for, and the frame plan that follows: nothing else is simulated.
 //!
 //! Derived from the scene and from nothing else. An effect that is off costs nothing, and its counter stays
-//! at zero. [`without`] switches one off, to see what it costs and what it shows.
+//! at zero; why it is off can be said, too. [`without`] switches one off, to see what it costs and what it shows:
+//! one that is off anyway changes no byte of a frame.
 
 mod ablation;
 mod closed;
@@ -137,6 +138,43 @@ impl Effects {
     /// Whether the scene calls for an effect.
     pub fn has(&self, kind: EffectKind) -> bool {
         self.0.iter().any(|effect| effect.kind == kind)
+    }
+
+    /// The effects that the scene does not call for, and what it lacks.
+    pub fn off(&self) -> impl Iterator<Item = (EffectKind, &'static str)> {
+        EffectKind::ALL.into_iter().filter_map(|kind| Some((kind, self.why_not(kind)?)))
+    }
+
+    /// Why an effect is off; `None` where it is on.
+    pub fn why_not(&self, kind: EffectKind) -> Option<&'static str> {
+        if self.has(kind) {
+            return None;
+        }
+        let or_else = |needed: EffectKind, none: &'static str, plain: &'static str| {
+            if self.has(needed) { plain } else { none }
+        };
+        Some(match kind {
+            EffectKind::Emission => "no surface shines",
+            EffectKind::PointLights => "no light is without extent",
+            EffectKind::Environment => "nothing shines from beyond the scene",
+            EffectKind::DiffuseInterreflection => "nothing scatters diffusely",
+            EffectKind::Textures => "every surface is alike all over",
+            EffectKind::NormalMaps => "no texture tilts a normal",
+            EffectKind::Cutouts => "no surface has holes",
+            EffectKind::Reflection => "nothing reflects",
+            EffectKind::Refraction => "nothing is transparent",
+            EffectKind::RoughLobes => {
+                or_else(EffectKind::Reflection, "nothing reflects", "all that reflects is smooth")
+            }
+            EffectKind::Coats => "nothing is coated",
+            EffectKind::Absorption => {
+                or_else(EffectKind::Refraction, "nothing is transparent", "all that is transparent is clear inside")
+            }
+            EffectKind::Dispersion => {
+                or_else(EffectKind::Refraction, "nothing is transparent", "all colours are refracted alike")
+            }
+            EffectKind::Media => "nothing is between the surfaces",
+        })
     }
 
     /// Names for reports.
@@ -308,5 +346,8 @@ mod tests {
         let refraction = effects.iter().find(|effect| effect.kind == EffectKind::Refraction).unwrap();
         assert_eq!(refraction.why, "material 'glass' is transparent");
         assert!(!effects.has(EffectKind::Absorption) && !effects.has(EffectKind::Environment));
+        assert_eq!(effects.why_not(EffectKind::Refraction), None);
+        assert_eq!(effects.why_not(EffectKind::RoughLobes), Some("all that reflects is smooth"));
+        assert_eq!(effects.off().count() + effects.iter().count(), EffectKind::ALL.len(), "on or off, each once");
     }
 }

@@ -26,7 +26,7 @@ use super::glossy::{Glossy, GlossyPoint};
 use super::rest::{PixelSum, Rest, Step};
 use super::sentinels::Sentinel;
 use super::{BAND_ROWS, Chain, Eye, FrameRenderer, FrameRequest, PixelOfBand, SceneVersion, tiled};
-use crate::bsdf::{Bsdf, Gloss, Lobes};
+use crate::bsdf::{Bsdf, Gloss, Lambert, Lobes};
 use crate::cache::{CacheSettings, Changes, Comparison, Deposits, IrradianceCache, LastLookup, Place, Stencils};
 use crate::counters::{Counters, RayCounts};
 use crate::integrator::sampler::Sampler;
@@ -340,8 +340,16 @@ impl FrameRenderer {
                 continue;
             }
             weight *= tracer.disperse(&mut vertex, sampler);
-            let bsdf = Bsdf::at(scene, &vertex.point, vertex.direction, vertex.medium, vertex.channel);
             let lobes = evaluated.lobes.unwrap_or(Lobes::NONE);
+            // What is diffuse alone has nothing to split: most surfaces of most scenes.
+            if let Some(lambert) = Lambert::at(scene, &vertex.point, vertex.direction, vertex.medium) {
+                let diffuse = weight * lambert.albedo();
+                if lobes.diffuse && diffuse != Vec3::ZERO {
+                    on_diffuse(Shaded { vertex, weight: diffuse, path_m, glossy, offset: 0, node: 0, need: 0.0 });
+                }
+                continue;
+            }
+            let bsdf = Bsdf::at(scene, &vertex.point, vertex.direction, vertex.medium, vertex.channel);
             let diffuse = weight * bsdf.diffuse();
             if lobes.diffuse && diffuse != Vec3::ZERO {
                 on_diffuse(Shaded { vertex, weight: diffuse, path_m, glossy, offset: 0, node: 0, need: 0.0 });

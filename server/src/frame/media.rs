@@ -71,6 +71,13 @@ impl FrameRenderer {
         marcher.refine_all(&self.tracer, spp, max_depth, seed);
     }
 
+    /// Has views of media take steps of so many voxels of their grids, and not of half a one: for whoever measures what steps
+    /// cost. From a 64th to 64.
+    pub fn set_march_step(&self, voxels: f32) {
+        let mut marcher = self.media.marcher.write().unwrap_or_else(PoisonError::into_inner);
+        marcher.set_step(voxels);
+    }
+
     /// The picture of the media alone, without layers: of each pixel what its ray gathers before it ends at the root's
     /// surface, and, as w, what that is seen through. What a frame's layers show to their own pose.
     pub fn media_picture(&self, pose: &Pose, camera: Camera) -> Vec<Vec4> {

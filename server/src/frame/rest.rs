@@ -306,3 +306,23 @@ fn part_of(a: &FrameRequest, b: &FrameRequest) -> Option<[u32; 2]> {
         && (a.render_pose.position - b.render_pose.position).length() <= tolerance_rad * NEAREST_M;
     if same { b.camera.offset_in(&a.camera) } else { None }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::stability::bound;
+
+    #[test]
+    fn stability_accumulation_at_rest() {
+        let mut off = bound!("accumulation", "mean of a pixel at rest, relative", 1e-5);
+        for outlier in [0, 777, 999_999] {
+            let (mut sum, mut exact) = (PixelSum::default(), 0.0_f64);
+            for index in 0..1_000_000_u32 {
+                let value = if index == outlier { 1e8 } else { 0.1 + (index % 97) as f32 * 1e-3 };
+                sum.add(Vec3::splat(value));
+                exact += f64::from(value) / 1e6;
+            }
+            off.see((f64::from(sum.mean().x) / exact - 1.0).abs(), outlier);
+        }
+    }
+}

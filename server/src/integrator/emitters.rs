@@ -189,9 +189,10 @@ fn uniform_direction(u: Vec2) -> Vec3 {
 mod tests {
     use super::*;
     use crate::integrator::sampler::Sampler;
+    use crate::stability::bound;
     use crate::testing::{SceneBuilder, emitter};
 
-    /// numerics: sampling; points lie on the emitter, face the point that is lit, and 1/pdf averages to the
+    /// Points lie on the emitter, face the point that is lit, and 1/pdf averages to the
     /// solid angle: exactly for spheres, whose density is constant.
     #[test]
     fn drawn_points_are_seen_and_their_density_integrates_to_the_solid_angle() {
@@ -233,15 +234,20 @@ mod tests {
         assert!(counts.iter().all(|count| count.abs_diff(1024) < 8), "{counts:?}");
     }
 
-    /// numerics: sampling; a light without area is no light.
     #[test]
-    fn emitters_without_area_or_radiance_are_never_drawn() {
+    fn stability_sampling_of_emitters() {
+        let mut drawn = bound!("sampling", "lights without area or radiance that are drawn", 0.0);
         let scene = SceneBuilder::new()
             .quad([Vec3::ZERO; 4], emitter(Vec3::ONE))
             .floor(0.0, 1.0, emitter(Vec3::ZERO))
             .sphere(Vec3::Y, 0.5, emitter(Vec3::ONE))
             .build();
         let emitters = Emitters::new(&scene);
+        for index in 0..4096 {
+            let sample = emitters.sample(&scene, Vec3::new(0.1, 3.0, 0.2), Sampler::new(4, 0, index).pair());
+            let is_sphere = sample.as_ref().is_some_and(|sample| sample.pdf > 0.0 && sample.pdf.is_finite());
+            drawn.count(!is_sphere, index);
+        }
         assert_eq!(emitters.emitters.len(), 1);
         assert_eq!(emitters.emitters[0].primitive, 4);
         assert_eq!(Emitters::new(&SceneBuilder::new().build()).power(), 0.0);

@@ -1,4 +1,4 @@
-//! numerics: a scene looks the same wherever it stands in the world, and at whatever scale.
+//! A scene looks the same wherever it stands in the world, and at whatever scale.
 
 use super::PathTracer;
 use crate::film::Image;

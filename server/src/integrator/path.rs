@@ -8,7 +8,7 @@ use super::lights::emission;
 use super::media::{Departure, Followed};
 use super::sampler::Sampler;
 use crate::accel::{Ray, SurfacePoint};
-use crate::bsdf::{Boundary, Bsdf, Channel, Enclosure, Lambert, Lobes, LobesOf, Scatters};
+use crate::bsdf::{Boundary, Bsdf, Channel, DIFFUSE_ONLY, Enclosure, Lambert, Lobes, LobesOf, Scatters};
 use crate::counters::RayCounts;
 use crate::effects::Simulated;
 use glam::Vec3;
@@ -211,6 +211,7 @@ impl PathTracer {
             let lambert = Lambert::at(&self.scene, &vertex.point, vertex.direction, vertex.medium);
             let (direct, scattered) = match lambert {
                 Some(lambert) => self.scatter_lambert(&vertex, &lambert, evaluated, sampler, counts),
+                None if DIFFUSE_ONLY => break,
                 None => {
                     throughput *= self.disperse(&mut vertex, sampler);
                     let bsdf = Bsdf::at(&self.scene, &vertex.point, vertex.direction, vertex.medium, vertex.channel);

@@ -35,7 +35,7 @@ pub(super) fn opacity(optical_depth: f32) -> f32 {
 mod tests {
     use super::*;
 
-    /// numerics: tau from 1e-30 to 1e4 against f64.
+    /// Tau from 1e-30 to 1e4 against f64.
     #[test]
     fn opacities_are_those_of_f64() {
         let mut last = 0.0;

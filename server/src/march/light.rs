@@ -14,13 +14,32 @@ use crate::integrator::PathTracer;
 use crate::integrator::sampler::Sampler;
 use crate::volume::grid::between;
 use crate::volume::{Matter, Medium};
-use glam::{Affine3A, Vec3, Vec4};
+use glam::{Affine3A, DVec3, Vec3, Vec4};
 use rayon::prelude::*;
 
 /// Most voxels along an axis.
 const MOST_VOXELS: u32 = 64;
 /// Voxels along an axis of a medium without a grid.
 const VOXELS_OF_HOMOGENEOUS: u32 = 32;
+
+/// Samples of a voxel. In f64: a session adds to it for hours, and in f32 what comes after one bright sample is lost.
+#[derive(Clone, Copy, Debug, Default)]
+struct Sum {
+    radiance: DVec3,
+    samples: u32,
+}
+
+impl Sum {
+    /// Adds a sample; one that is no number counts as black.
+    fn add(&mut self, radiance: Vec3) {
+        self.radiance += if radiance.is_finite() { radiance.as_dvec3() } else { DVec3::ZERO };
+        self.samples = self.samples.saturating_add(1);
+    }
+
+    fn mean(&self) -> Vec3 {
+        (self.radiance / f64::from(self.samples.max(1))).as_vec3()
+    }
+}
 
 /// Mean incident radiance per voxel.
 #[derive(Clone, Debug)]
@@ -34,7 +53,7 @@ pub struct LightGrid {
     /// Voxels that are sampled.
     occupied: Vec<u32>,
     /// Of each of them, the sum of its samples and their number.
-    sums: Vec<(Vec3, u32)>,
+    sums: Vec<Sum>,
     /// The one to be sampled next, which has the fewest.
     next: usize,
 }
@@ -67,7 +86,7 @@ impl LightGrid {
         if bounds.is_some() {
             let voxels = 0..grid.values.len() as u32;
             grid.occupied = voxels.into_par_iter().filter(|&voxel| grid.is_near_matter(medium, voxel)).collect();
-            grid.sums = vec![(Vec3::ZERO, 0); grid.occupied.len()];
+            grid.sums = vec![Sum::default(); grid.occupied.len()];
         }
         grid
     }
@@ -90,7 +109,7 @@ impl LightGrid {
     /// Forgets all samples; what is known stays until there are new ones. Sampling goes on where it was: where something moves
     /// in every frame, all voxels have their turn all the same.
     pub(super) fn forget(&mut self) {
-        self.sums.fill((Vec3::ZERO, 0));
+        self.sums.fill(Sum::default());
     }
 
     /// Adds so many samples, voxel by voxel from where the last call ended. The result depends on their number alone.
@@ -105,19 +124,18 @@ impl LightGrid {
             let range = self.next..(self.next + left).min(self.occupied.len());
             left -= range.len();
             let voxels = &self.occupied[range.clone()];
-            self.sums[range.clone()].par_iter_mut().zip(voxels).for_each(|((sum, count), &voxel)| {
-                let mut sampler = Sampler::new(seed, u64::from(voxel), *count);
+            self.sums[range.clone()].par_iter_mut().zip(voxels).for_each(|(sum, &voxel)| {
+                let mut sampler = Sampler::new(seed, u64::from(voxel), sum.samples);
                 let jitter = sampler.pair().extend(sampler.value()) - 0.5;
                 let centre = centre(size, voxel);
                 let mut counts = RayCounts::default();
                 let unit = (centre + jitter * voxel_extent).clamp(Vec3::splat(1e-4), Vec3::splat(1.0 - 1e-4));
                 let point = world_from_unit.transform_point3(unit);
                 let incident = tracer.incident_mean(point, medium, max_depth, &mut sampler, &mut counts);
-                *sum += if incident.is_finite() { incident } else { Vec3::ZERO };
-                *count += 1;
+                sum.add(incident);
             });
-            for ((sum, count), &voxel) in self.sums[range.clone()].iter().zip(voxels) {
-                self.means[voxel as usize] = (*sum / *count as f32).extend(1.0);
+            for (sum, &voxel) in self.sums[range.clone()].iter().zip(voxels) {
+                self.means[voxel as usize] = sum.mean().extend(1.0);
             }
             self.next = range.end % self.occupied.len();
         }
@@ -130,7 +148,7 @@ impl LightGrid {
         self.values.copy_from_slice(&self.means);
         let [nx, ny, nz] = self.size.map(|count| count as usize);
         let axes = [(1, nx), (nx, ny), (nx * ny, nz)];
-        let fewest = self.sums.get(self.next).map_or(0, |&(_, count)| count);
+        let fewest = self.sums.get(self.next).map_or(0, |sum| sum.samples);
         for _ in 0..passes(fewest) {
             for (stride, count) in axes {
                 let LightGrid { values, scratch, .. } = self;
@@ -222,4 +240,24 @@ fn centre([nx, ny, nz]: [u32; 3], voxel: u32) -> Vec3 {
     let (x, rest) = (voxel % nx, voxel / nx);
     let index = Vec3::new(x as f32, (rest % ny) as f32, (rest / ny) as f32);
     (index + 0.5) / Vec3::new(nx as f32, ny as f32, nz as f32)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::stability::bound;
+
+    #[test]
+    fn stability_accumulation_of_light() {
+        let mut off = bound!("accumulation", "mean light of a voxel, relative", 1e-5);
+        for outlier in [0, 777, 999_999] {
+            let (mut sum, mut exact) = (Sum::default(), 0.0_f64);
+            for index in 0..1_000_000_u32 {
+                let value = if index == outlier { 1e8 } else { 0.1 + (index % 97) as f32 * 1e-3 };
+                sum.add(Vec3::splat(value));
+                exact += f64::from(value) / 1e6;
+            }
+            off.see((f64::from(sum.mean().x) / exact - 1.0).abs(), outlier);
+        }
+    }
 }

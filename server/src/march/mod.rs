@@ -82,6 +82,11 @@ impl Marcher {
         }
     }
 
+    /// Takes steps of so many voxels.
+    pub(crate) fn set_step(&mut self, voxels: f32) {
+        self.media.iter_mut().for_each(|medium| medium.steps.set_length(voxels));
+    }
+
     /// Forgets the light: something has moved.
     pub fn forget_light(&mut self) {
         self.media.iter_mut().for_each(|medium| medium.light.forget());

@@ -8,7 +8,7 @@ use crate::volume::{Albedo, Majorants, Matter, Medium, Segment};
 use glam::{Vec3, Vec4};
 use std::ops::Range;
 
-/// Part of a voxel per step.
+/// Part of a voxel per step, unless told otherwise.
 const STEP_VOXELS: f32 = 0.5;
 /// Most steps through a medium: the diagonal of a grid of 1000 voxels is within it.
 const MOST_STEPS: f32 = 4096.0;
@@ -23,6 +23,8 @@ const GLOWING: f32 = 1e-6;
 /// How a ray goes through a medium.
 #[derive(Clone, Debug)]
 pub(super) struct Steps {
+    /// Length of a step in voxels.
+    length: f32,
     /// Voxels of the medium's grid, or of its light, per unit of its cube.
     voxels: Vec3,
     /// Voxels of the light.
@@ -54,7 +56,12 @@ impl Steps {
             Matter::Classified { transfer, .. } => Some(Classes::new(transfer)),
             _ => None,
         };
-        Steps { voxels, light_voxels: light.voxel().recip(), empty_until, classes }
+        Steps { length: STEP_VOXELS, voxels, light_voxels: light.voxel().recip(), empty_until, classes }
+    }
+
+    /// Takes steps of so many voxels from now on.
+    pub(super) fn set_length(&mut self, voxels: f32) {
+        self.length = voxels.clamp(1.0 / 64.0, 64.0);
     }
 
     /// Adds the slices of a part of a ray to the profile; returns the number of steps in matter.
@@ -78,7 +85,7 @@ impl Steps {
         if !(length > 0.0 && length.is_finite()) {
             return 0;
         }
-        let count = (length * (unit.direction * self.voxels).length() / STEP_VOXELS).ceil().clamp(1.0, MOST_STEPS);
+        let count = (length * (unit.direction * self.voxels).length() / self.length).ceil().clamp(1.0, MOST_STEPS);
         let step = length / count;
         let light_stride = LIGHT_VOXELS / (step * (unit.direction * self.light_voxels).length());
         let light_stride = light_stride.round().clamp(1.0, MOST_STEPS) as u32;

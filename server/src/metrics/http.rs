@@ -1,7 +1,7 @@
 //! `GET /metrics` over plain HTTP/1.1: one request per connection, one connection at a time, on a thread of its own.
 //!
-//! Nothing is read but the first line, and no more than [`MAX_REQUEST_BYTES`]; who is slow is left after some
-//! [`PATIENCE`]. There is no encryption and nobody is asked who they are, so it is for loopback, or a person says otherwise.
+//! Nothing is read but the first line, and no more than `MAX_REQUEST_BYTES`; who is slow is left after some
+//! `PATIENCE`. There is no encryption and nobody is asked who they are, so it is for loopback, or a person says otherwise.
 
 use super::Metrics;
 use std::io::{self, Read, Write};

@@ -181,6 +181,7 @@ fn displacement(from: &PoseSample, to: &PoseSample) -> Option<(DVec3, DVec3)> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::stability::bound;
     use glam::DQuat;
 
     fn sample(millis: u64, position: DVec3, yaw: f64) -> PoseSample {
@@ -206,7 +207,59 @@ mod tests {
         assert!((predictor.turning_rad_per_s() - DVec3::Y * 0.3).length() < 1e-9);
     }
 
-    /// numerics: prediction with equal times, time going back, one sample, no number, a gap.
+    #[test]
+    fn stability_prediction() {
+        let mut away = bound!("prediction", "metres from the last good pose after bad samples or a gap", 0.0);
+        let mut turned = bound!("prediction", "radians from it", 0.0);
+        let mut uncounted = bound!("prediction", "bad samples that are taken or not counted", 0.0);
+        let horizons = [Duration::ZERO, Duration::from_millis(100), Duration::from_secs(3600)];
+        let no_number = Pose { orientation: DQuat::from_xyzw(0.0, f64::NAN, 0.0, 1.0), ..Pose::IDENTITY };
+        for law in Prediction::ALL {
+            let mut predictor = Predictor::new(law);
+            assert!(predictor.predict(Duration::ZERO).is_none());
+            assert!(predictor.push(sample(100, DVec3::Y, 0.3)));
+            let bad = [
+                sample(100, DVec3::X, 0.0),
+                sample(50, DVec3::X, 0.0),
+                sample(120, DVec3::NAN, 0.0),
+                sample(120, DVec3::INFINITY, 0.0),
+                PoseSample { pose: no_number, ..sample(120, DVec3::ZERO, 0.0) },
+                PoseSample {
+                    pose: Pose { orientation: DQuat::from_xyzw(0.0, 0.0, 0.0, 0.0), ..no_number },
+                    ..sample(120, DVec3::ZERO, 0.0)
+                },
+            ];
+            for (index, sample) in bad.into_iter().enumerate() {
+                let is_taken = predictor.push(sample);
+                uncounted.count(is_taken || predictor.ignored() != index as u32 + 1, format!("{law:?}: {sample:?}"));
+            }
+            // After the one good sample; and after a gap, when nothing is left to take a velocity from.
+            for last in [sample(100, DVec3::Y, 0.3), sample(5000, DVec3::Z, 1.0)] {
+                predictor.push(last);
+                for horizon in horizons {
+                    let pose = predictor.predict(horizon).unwrap();
+                    away.see((pose.position - last.pose.position).length(), format!("{law:?} {horizon:?}"));
+                    turned.see(pose.angle_to(&last.pose), format!("{law:?} {horizon:?}"));
+                }
+            }
+        }
+        let mut undefined = bound!("prediction", "poses that are not valid, of hostile times", 0.0);
+        for (law, step_micros) in Prediction::ALL.into_iter().flat_map(|law| [1, 999, 1001, 250_000].map(|s| (law, s)))
+        {
+            let mut predictor = Predictor::new(law);
+            for step in 0..200_u64 {
+                let mut next = sample(0, DVec3::X * (step as f64 * 1e-5), step as f64 * 1e-4);
+                next.time = Timestamp { micros: step * step_micros };
+                predictor.push(next);
+                for horizon in horizons {
+                    let pose = predictor.predict(horizon).unwrap();
+                    let is_finite = pose.position.is_finite() && (pose.orientation.length() - 1.0).abs() < 1e-9;
+                    undefined.count(!is_finite, format!("{law:?} {step_micros} us {horizon:?}"));
+                }
+            }
+        }
+    }
+
     #[test]
     fn bad_samples_leave_the_last_good_pose() {
         let mut predictor = Predictor::default();

@@ -200,7 +200,7 @@ mod tests {
         assert_eq!(texture, 1);
     }
 
-    /// numerics: 10 km from the origin coordinates are as fine as at it.
+    /// 10 km from the origin coordinates are as fine as at it.
     #[test]
     fn shapes_far_away_keep_their_coordinates_to_the_bit() {
         let far = DVec3::new(10_000.0, -3000.0, 10_000.0);

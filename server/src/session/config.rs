@@ -1,6 +1,8 @@
 //! What a session serves, and the frames that follow from it and from what a client asks for.
 
+use crate::costs::CostTable;
 use crate::march::MediaBounds;
+use std::sync::Arc;
 use std::time::Duration;
 use warplight_protocol::codec::{DecodeError, FrameShape, Limits};
 use warplight_protocol::frame::{ColorCoding, ColorFormat, FrameFormat, Interfaces, Plan, VolumeFormat, VolumeRange};
@@ -35,6 +37,8 @@ pub struct SessionConfig {
     pub media: MediaBounds,
     /// Samples of a live frame.
     pub samples: SampleBudget,
+    /// What points of a frame cost, where a time budget chooses among them; without, it decides on samples alone.
+    pub costs: Option<Arc<CostTable>>,
     /// Most samples of a still.
     pub max_still_spp: u32,
     /// Rows per strip.

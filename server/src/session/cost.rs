@@ -63,6 +63,12 @@ impl FrameCost {
         let units = (budget_millis * model.pixels / pixels.max(1.0) - model.parts[0]) / model.parts[1].max(1e-3);
         (units * model.unit).clamp(model.last / MAX_STEP, model.last * MAX_STEP)
     }
+
+    /// What a frame of so many pixels with so many samples per pixel is expected to take; 0 where nothing was measured.
+    pub(super) fn millis_of(&self, pixels: f64, samples: f64) -> f64 {
+        let of = |model: &Model| (model.parts[0] + model.parts[1] * samples / model.unit) * pixels / model.pixels;
+        self.model.as_ref().map_or(0.0, of)
+    }
 }
 
 /// Whether the budget is too small for a frame with hardly any samples.

@@ -93,7 +93,9 @@ impl ServerSession {
         if encode > asked {
             active.push((LimiterKind::EncodeTime, late("encoded", encode)));
         }
-        if render > asked || has_least_samples {
+        if let Some(budget) = self.budget.as_ref().filter(|budget| budget.is_less()) {
+            active.push((LimiterKind::RenderTime, format!("frames of {}", budget.in_words())));
+        } else if render > asked || has_least_samples {
             let few = if has_least_samples { ", with the fewest samples" } else { "" };
             active.push((LimiterKind::RenderTime, late("rendered", render) + few));
         }

@@ -14,6 +14,7 @@ mod config;
 mod cost;
 mod delivery;
 mod end;
+mod frame_budget;
 mod guard;
 mod limiters;
 mod outbox;
@@ -25,6 +26,7 @@ use crate::predict::Predictor;
 use adapt::Adaptation;
 use allowance::Allowance;
 use cost::{BudgetFit, FrameCost};
+use frame_budget::FrameBudget;
 use guard::Guard;
 use limiters::Limiters;
 use outbox::Outbox;
@@ -32,6 +34,7 @@ use rate::RateControl;
 use std::collections::VecDeque;
 use std::sync::Arc;
 use std::time::Duration;
+use warplight_protocol::budget::Chooser;
 use warplight_protocol::codec::{DecodeError, Limits};
 use warplight_protocol::frame::{ColorCoding, FrameFormat, FrameId};
 use warplight_protocol::message::{
@@ -44,6 +47,7 @@ use warplight_protocol::{Camera, ImageSize, Pose, Timestamp, Token};
 pub use allowance::{MAX_MESSAGES_PER_SEC, MAX_POSES_PER_SEC};
 pub use config::{RenderJob, SampleBudget, SessionConfig};
 pub use end::SessionEnd;
+pub use frame_budget::FramePoint;
 pub use outbox::MAX_UNACKNOWLEDGED;
 
 /// A ping after this long without one.
@@ -105,6 +109,7 @@ pub struct ServerSession {
     last_begun: Option<Timestamp>,
     cost: FrameCost,
     fit: BudgetFit,
+    budget: Option<FrameBudget>,
     statistics: Statistics,
     metrics: Option<SessionMetrics>,
 }
@@ -174,6 +179,7 @@ impl ServerSession {
             latency_secs: 0.0,
             cost: FrameCost::default(),
             fit: BudgetFit::default(),
+            budget: None,
             statistics: Statistics::default(),
             metrics: None,
         }
@@ -307,6 +313,7 @@ impl ServerSession {
         self.next_frame_due = now;
         self.rate = RateControl::new(hello.target_kbps, hello.format);
         self.predictor = Predictor::new(hello.prediction);
+        self.budget = FrameBudget::of(&self.config, &hello, &self.cube);
         self.adaptation = Adaptation::new(hello.adapt, now);
         // Compared once, and then not kept.
         self.hello = Some(Hello { token: Token::NONE, ..hello });
@@ -315,12 +322,13 @@ impl ServerSession {
 
     /// What a live frame shows that is begun after `beat` without one.
     fn live_camera(&mut self, hello: &Hello, beat: Duration, horizon: Duration) -> Camera {
-        let level = self.adaptation.level();
+        let (level, point) = (self.adaptation.level(), self.point());
         if hello.viewport == Viewport::Cube {
-            let side = (f64::from(self.cube.size.width) * level.scale).round() as u32;
-            return if level.scale < 1.0 { Camera::cube(&hello.camera, side) } else { self.cube };
+            let scale = level.scale * f64::from(point.percent) * 1e-2;
+            let side = (f64::from(self.cube.size.width) * scale).round() as u32;
+            return if scale < 1.0 { Camera::cube(&hello.camera, side) } else { self.cube };
         }
-        let display = level.camera(&hello.camera);
+        let display = point.camera(&level.camera(&hello.camera));
         // It is shown until the next one is there, which takes as long as this one did after the last.
         let age = Duration::from_secs_f64(self.latency_secs).min(MAX_SCENE_HORIZON) + beat.min(MAX_SCENE_HORIZON);
         let wider = display.widened(self.guard.margins(&display, age, self.predictor.worth(horizon)));
@@ -378,6 +386,7 @@ impl ServerSession {
         if let Some((color_coding, depth)) = coding {
             (shape.format.color_coding, shape.format.depth) = (color_coding, depth);
             shape.format.volume = self.adaptation.level().volume(shape.format.volume);
+            shape.plan = self.point().plan(&shape.plan);
         }
         let pixels = shape.camera.size.pixels();
         self.rendering = Some(Rendering { id, is_live, samples_per_1024_px, pixels, end });
@@ -469,6 +478,13 @@ impl ServerSession {
             let millis = now.since(rendering.end.render_start).as_secs_f64() * 1e3;
             let samples = f64::from(rendering.samples_per_1024_px);
             self.cost.measure(rendering.pixels as f64, samples, millis);
+            if let Some(budget) = &mut self.budget {
+                let least = self.cost.millis_of(rendering.pixels as f64, LEAST_SAMPLES);
+                if budget.measured(rendering.pixels, if samples > LEAST_SAMPLES { least.min(millis) } else { millis }) {
+                    // Other nodes, other pixels: what the old ones cost says little.
+                    self.cost = FrameCost::default();
+                }
+            }
             if let SampleBudget::Time(budget) = self.config.samples {
                 let budget_millis = budget.as_secs_f64() * 1e3;
                 if self.fit.does_not(samples <= LEAST_SAMPLES && millis > budget_millis) {
@@ -547,6 +563,16 @@ impl ServerSession {
             next = next.min(self.next_frame_due);
         }
         next
+    }
+
+    /// How live frames are rendered.
+    fn point(&self) -> FramePoint {
+        self.budget.as_ref().map_or(FramePoint::WHOLE, FrameBudget::point)
+    }
+
+    /// What the budget has learnt of the costs of its points, where there is one.
+    pub fn costs(&self) -> Option<&Chooser> {
+        self.budget.as_ref().map(FrameBudget::chooser)
     }
 
     /// Totals so far.

@@ -17,6 +17,7 @@ fn config() -> SessionConfig {
         interfaces: Interfaces::default(),
         media: MediaBounds::default(),
         samples: SampleBudget::Samples(1),
+        costs: None,
         max_still_spp: 16,
         strip_rows: 16,
         guard_rad: 0.0,

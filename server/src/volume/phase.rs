@@ -55,7 +55,7 @@ mod tests {
     use crate::integrator::sampler::Sampler;
     use crate::testing::chi_square::compare;
 
-    /// numerics: sampling; from isotropic to lobes of a tenth of a degree, forward and back.
+    /// From isotropic to lobes of a tenth of a degree, forward and back.
     #[test]
     fn deflections_are_drawn_by_their_density() {
         let direction = Vec3::new(0.36, -0.48, 0.8);

@@ -3,6 +3,7 @@
 #![allow(clippy::unwrap_used, reason = "all of this is test code, its helpers too")]
 
 mod adaptation;
+mod effects;
 mod fates;
 mod freshness;
 mod hostile;

@@ -4,13 +4,16 @@ use std::path::PathBuf;
 use std::time::Duration;
 use warplight_client::display::Optics;
 use warplight_client::link::LinkModel;
-use warplight_client::replay::{Circumstances, ModelledTimes, ReplayPlan, assess, report_from, run_virtual};
+use warplight_client::replay::{
+    BudgetPlan, Circumstances, ModelledTimes, ReplayPlan, assess, report_from, run_virtual,
+};
 use warplight_client::report::{ClockKind, Link, Report};
 use warplight_client::trace::Trace;
 use warplight_client::warp::{Mode, Normals, Solver};
 use warplight_protocol::frame::{ColorCoding, FrameFormat, VolumeFormat};
 use warplight_protocol::message::{Prediction, Viewport};
 use warplight_protocol::{Camera, ImageSize};
+use warplight_server::costs::CostModel;
 use warplight_server::scene::Scene;
 use warplight_server::service::{Estimator, Service, ServiceOptions};
 use warplight_server::session::SampleBudget;
@@ -35,6 +38,7 @@ pub(super) fn plan(trace: Trace, seconds: f64, size: ImageSize) -> ReplayPlan {
         adapt: true,
         metrics: None,
         quality_every: 40,
+        budget: None,
         quality_spp: 16,
     }
 }
@@ -62,6 +66,35 @@ fn the_same_seed_gives_the_same_report_to_the_byte() {
     let first = replay(&plan, "gallery", 2, 7).to_json().unwrap();
     assert_eq!(first, replay(&plan, "gallery", 2, 7).to_json().unwrap());
     assert_ne!(first, replay(&plan, "gallery", 2, 8).to_json().unwrap());
+}
+
+#[test]
+fn a_budget_is_reproducible_and_more_of_it_is_never_a_worse_point() {
+    // Times are modelled as 20 ns per pixel at the usual point, and as the table says at others.
+    let report = |micros: u64| {
+        let plan = ReplayPlan {
+            mode: Mode::Specular,
+            modes: vec![Mode::Specular],
+            quality_every: 50,
+            budget: Some(BudgetPlan {
+                time: Duration::from_micros(micros),
+                table: CostModel::built_in().display,
+                model: "built in".to_owned(),
+            }),
+            ..plan(Trace::built_in(), 1.5, ImageSize::new(64, 48))
+        };
+        replay(&plan, "mirror-room", 1, 7)
+    };
+    let reports = [5, 20, 40, 80, 400].map(report);
+    let chosen = reports.each_ref().map(|report| report.budget.clone().unwrap());
+    assert!(chosen.windows(2).all(|pair| pair[1].error <= pair[0].error), "{chosen:?}");
+    assert!(chosen[0].error > chosen[4].error && chosen[4].next_better.is_none(), "{chosen:?}");
+    for budget in &chosen[1..] {
+        assert!(budget.expected_ms <= budget.budget_ms && budget.beyond_budget == 0, "{budget:?}");
+    }
+    assert_eq!(reports[1].to_json().unwrap(), report(20).to_json().unwrap());
+    let plain = replay(&plan(Trace::built_in(), 1.0, ImageSize::new(64, 48)), "mirror-room", 1, 7);
+    assert!(!plain.to_json().unwrap().contains("\"budget\""));
 }
 
 #[test]

@@ -1,7 +1,19 @@
-//! Escaping, numbers as people read them, and tables.
+//! The frame of a page, escaping, numbers as people read them, and tables.
+
+/// A page that stands alone, in the style of all: `body` and `script` are HTML and JavaScript already.
+pub(crate) fn document(title: &str, body: &str, script: &str) -> String {
+    let title = escaped(title);
+    let style = include_str!("style.css");
+    format!(
+        "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
+         <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
+         <meta name=\"color-scheme\" content=\"light dark\">\n<title>{title}</title>\n<style>\n{style}</style>\n</head>\n\
+         <body>\n<main>\n{body}</main>\n<script>\n{script}</script>\n</body>\n</html>\n"
+    )
+}
 
 /// Text made harmless, for content and quoted attributes alike.
-pub(super) fn escaped(text: &str) -> String {
+pub(crate) fn escaped(text: &str) -> String {
     let mut out = String::with_capacity(text.len());
     for c in text.chars() {
         match c {
@@ -17,7 +29,7 @@ pub(super) fn escaped(text: &str) -> String {
 }
 
 /// A number with three digits that matter.
-pub(super) fn figure(value: f64) -> String {
+pub(crate) fn figure(value: f64) -> String {
     match value.abs() {
         _ if !value.is_finite() => "–".into(),
         0.0 => "0".into(),
@@ -53,7 +65,7 @@ pub(super) fn bytes(value: u64) -> String {
 }
 
 /// A table; cells are HTML already, the first of each row is its heading. Nothing without rows.
-pub(super) fn table(caption: &str, columns: &[&str], rows: &[Vec<String>]) -> String {
+pub(crate) fn table(caption: &str, columns: &[&str], rows: &[Vec<String>]) -> String {
     if rows.is_empty() {
         return String::new();
     }
@@ -71,6 +83,29 @@ pub(super) fn table(caption: &str, columns: &[&str], rows: &[Vec<String>]) -> St
         "<div class=\"table\" tabindex=\"0\" role=\"region\" aria-label=\"{caption}\"><table>\n\
          <caption>{caption}</caption>\n<thead><tr>{head}</tr></thead>\n<tbody>\n{body}</tbody>\n</table></div>\n"
     )
+}
+
+/// Fails where a tag is not closed. Enough of HTML for pages of ours.
+#[cfg(test)]
+pub(crate) fn check_nesting(html: &str) {
+    let void = ["meta", "img", "br", "!doctype", "circle", "line", "polyline", "polygon", "rect", "path"];
+    let mut open: Vec<String> = Vec::new();
+    let mut rest = html;
+    while let Some(start) = rest.find('<') {
+        let end = start + rest[start..].find('>').expect("a tag ends");
+        let tag = &rest[start + 1..end];
+        rest = &rest[end + 1..];
+        let name = tag.trim_start_matches('/').split([' ', '\n', '/']).next().unwrap().to_lowercase();
+        if tag.starts_with('/') {
+            assert_eq!(open.pop().as_deref(), Some(name.as_str()), "closing </{name}>");
+        } else if !void.contains(&name.as_str()) && !tag.ends_with('/') {
+            if name == "script" || name == "style" {
+                rest = &rest[rest.find(&format!("</{name}>")).expect("closed")..];
+            }
+            open.push(name);
+        }
+    }
+    assert_eq!(open, Vec::<String>::new());
 }
 
 #[cfg(test)]

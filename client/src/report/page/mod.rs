@@ -5,7 +5,8 @@
 //! whole without them. All text that comes from outside is escaped.
 
 mod chart;
-mod html;
+pub(crate) mod effort;
+pub(crate) mod html;
 mod pictures;
 mod plots;
 pub(crate) mod scatter;
@@ -13,7 +14,7 @@ mod tables;
 
 use super::{Report, write_whole};
 use crate::measure::ImageError;
-use html::{escaped, figure};
+use html::{document, escaped, figure};
 use image::RgbImage;
 use std::io;
 use std::path::Path;
@@ -66,18 +67,10 @@ pub fn page(input: PageInput<'_>) -> io::Result<String> {
             "Bandwidth and work",
             &[plots::bandwidth(report), tables::limits(report), tables::link_and_work(report)],
         ),
+        section("Accuracy and effort", &[effort::budget(report), effort::effects(report), effort::hard_cases()]),
         footer(report),
     ];
-    Ok(format!(
-        "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
-         <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
-         <meta name=\"color-scheme\" content=\"light dark\">\n<title>{}</title>\n<style>\n{}</style>\n</head>\n\
-         <body>\n<main>\n{}</main>\n<script>\n{}</script>\n</body>\n</html>\n",
-        escaped(&title),
-        include_str!("style.css"),
-        sections.concat(),
-        include_str!("compare.js"),
-    ))
+    Ok(document(&title, &sections.concat(), include_str!("compare.js")))
 }
 
 fn header(report: &Report) -> String {
@@ -142,7 +135,7 @@ fn warnings(report: &Report) -> String {
 }
 
 /// A section of the parts that are not empty; nothing where all are.
-fn section(title: &str, parts: &[String]) -> String {
+pub(crate) fn section(title: &str, parts: &[String]) -> String {
     let parts = parts.concat();
     if parts.is_empty() { parts } else { format!("<section>\n<h2>{title}</h2>\n{parts}</section>\n") }
 }
@@ -168,33 +161,12 @@ fn footer(report: &Report) -> String {
 
 #[cfg(test)]
 mod tests {
+    use super::html::check_nesting;
     use super::*;
     use crate::report::sample;
 
     fn sample_page() -> String {
         page(PageInput { report: &sample::report(), pictures: &sample::pictures() }).unwrap()
-    }
-
-    /// Names of all tags in order; fails where one is not closed. Enough of HTML for pages of ours.
-    fn check_nesting(html: &str) {
-        let void = ["meta", "img", "br", "!doctype", "circle", "line", "polyline", "polygon", "rect", "path"];
-        let mut open: Vec<String> = Vec::new();
-        let mut rest = html;
-        while let Some(start) = rest.find('<') {
-            let end = start + rest[start..].find('>').expect("a tag ends");
-            let tag = &rest[start + 1..end];
-            rest = &rest[end + 1..];
-            let name = tag.trim_start_matches('/').split([' ', '\n', '/']).next().unwrap().to_lowercase();
-            if tag.starts_with('/') {
-                assert_eq!(open.pop().as_deref(), Some(name.as_str()), "closing </{name}>");
-            } else if !void.contains(&name.as_str()) && !tag.ends_with('/') {
-                if name == "script" || name == "style" {
-                    rest = &rest[rest.find(&format!("</{name}>")).expect("closed")..];
-                }
-                open.push(name);
-            }
-        }
-        assert_eq!(open, Vec::<String>::new());
     }
 
     /// Set WARPLIGHT_KEEP_PAGE to a file name to look at the page.

@@ -27,7 +27,7 @@ pub(crate) struct Scatter<'a> {
     /// What it shows, for those who cannot see it.
     pub(crate) description: String,
     pub(crate) x_label: &'a str,
-    pub(crate) y_label: &'a str,
+    pub(crate) y_label: String,
     pub(crate) dots: Vec<Dot>,
 }
 
@@ -41,6 +41,16 @@ impl Scatter<'_> {
         let paper = "<svg xmlns=\"http://www.w3.org/2000/svg\" style=\"color:#1c1f24;background:#fff\" \
                      font-family=\"sans-serif\" ";
         adapted(&svg, &self.description).replacen("<svg ", paper, 1)
+    }
+
+    /// The plot as a figure of a page, in the page's ink; nothing without points. The title is HTML already.
+    pub(crate) fn to_html(&self, title: &str) -> String {
+        let mut svg = String::new();
+        if self.dots.is_empty() || self.draw(&mut svg).is_err() {
+            return String::new();
+        }
+        let svg = adapted(&svg, &self.description);
+        format!("<figure class=\"chart\"><figcaption>{title}</figcaption>\n{svg}</figure>\n")
     }
 
     fn draw(&self, svg: &mut String) -> Result<(), Box<dyn std::error::Error>> {
@@ -69,12 +79,19 @@ impl Scatter<'_> {
             .label_style(text)
             .axis_desc_style(text)
             .x_desc(self.x_label)
-            .y_desc(self.y_label)
+            .y_desc(self.y_label.as_str())
             .x_label_formatter(&|value| short(*value))
             .y_label_formatter(&|value| short(*value))
             .draw()?;
         let mut front: Vec<(f64, f64)> = self.dots.iter().filter(|dot| dot.is_on_front).map(at).collect();
-        front.sort_by(|a, b| a.0.total_cmp(&b.0));
+        front.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1)));
+        // What is on it for a third reason is filled, but no step down.
+        let mut least = f64::INFINITY;
+        front.retain(|&(_, y)| {
+            let is_step = y < least;
+            least = least.min(y);
+            is_step
+        });
         chart.draw_series(LineSeries::new(front, COLOURS[0].stroke_width(2)))?;
         for dot in &self.dots {
             let style = if dot.is_on_front { COLOURS[0].filled() } else { COLOURS[7].stroke_width(2) };
@@ -104,11 +121,13 @@ mod tests {
     fn a_plot_is_a_document_of_its_own_with_the_names_of_its_points() {
         let dot = |x, y, name: &str| Dot { x, y, name: name.into(), is_on_front: x < 2.0 };
         let dots = vec![dot(1.0, 0.5, "a < b"), dot(3.0, 0.0, "second"), dot(1.0, 0.5, "same")];
-        let scatter = Scatter { description: "d".into(), x_label: "x", y_label: "y", dots };
+        let scatter = Scatter { description: "d".into(), x_label: "x", y_label: "y".into(), dots };
         let svg = scatter.to_svg();
         assert!(svg.starts_with("<svg xmlns=\"http://www.w3.org/2000/svg\""), "{svg}");
         assert!(svg.contains("second") && svg.contains("a &lt; b") && svg.trim_end().ends_with("</svg>"));
         assert!(!svg.contains("NaN") && !svg.contains("inf"));
+        let html = scatter.to_html("On a page");
+        assert!(html.contains("currentColor") && !html.contains("xmlns") && html.contains("On a page"), "{html}");
         assert!(Scatter { dots: Vec::new(), ..scatter }.to_svg().contains("xmlns"));
         assert_eq!([0.0012, 10.0, 1500.0, 0.5].map(short), ["0.0012", "10", "1500", "0.5"]);
     }

@@ -14,7 +14,7 @@ use crate::loopback::{Beat, EncodedFrame, Loopback, Walk};
 use crate::measure::{MeasureError, PIXELS_PER_DEGREE, flip, psnr_srgb8};
 use crate::warp::{Mode, Warper};
 use image::RgbImage;
-pub(super) use settings::{Setting, child_bounds, colors, depth_bounds, zstd_levels};
+pub(super) use settings::{Setting, child_bounds, color_formats, colors, depth_bounds, zstd_levels};
 use warplight_protocol::Pose;
 use warplight_protocol::codec::{FrameShape, PlaneKind};
 use warplight_protocol::frame::Tree;
@@ -22,6 +22,8 @@ use warplight_protocol::tone::ToneTable;
 
 /// Scenes with mirrors, glass and water.
 pub(super) const SCENES: [&str; 3] = ["gallery", "pool", "glass"];
+/// A room at night with a lamp in it, and one with the sun outside.
+pub(super) const DARK_AND_BRIGHT: [&str; 2] = ["lamp", "pool"];
 /// As many frames per second as a session of two cores has.
 const FRAME_HZ: f64 = 10.0;
 /// 50 ms on the way, and half a frame until the next one.
@@ -105,7 +107,7 @@ pub(super) fn measure(
 }
 
 /// What is really seen, as it is displayed.
-fn reference(walk: &Walk, pose: &Pose, spp: u32) -> RgbImage {
+pub(super) fn reference(walk: &Walk, pose: &Pose, spp: u32) -> RgbImage {
     let tone = ToneTable::default();
     let radiance = walk.seen_from(pose, spp);
     let codes: Vec<u8> =

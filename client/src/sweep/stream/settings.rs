@@ -19,6 +19,29 @@ impl Setting {
     }
 }
 
+impl Setting {
+    /// A format of colour alone: all else as fine as it gets.
+    pub(in crate::sweep) fn of_color(color: ColorFormat) -> Setting {
+        Setting::new(format!("{color:?}").to_lowercase(), FrameFormat { color, ..finest() })
+    }
+
+    /// So many bits of depth alone: all else as fine as it gets.
+    pub(in crate::sweep) fn of_depth(bits: u8) -> Setting {
+        Setting::new(format!("{bits} bits"), finest().with_depth_bits(bits, bits))
+    }
+}
+
+/// Nothing coarser than it has to be.
+fn finest() -> FrameFormat {
+    FrameFormat { color: ColorFormat::Half, normal_bits: 16, shape_bits: 12, ..FrameFormat::exact() }
+        .with_depth_bits(24, 24)
+}
+
+/// Every format of colour.
+pub(in crate::sweep) fn color_formats() -> Vec<Setting> {
+    ColorFormat::ALL.map(Setting::of_color).to_vec()
+}
+
 /// Colour that is coded as it is, and depths that hold the default promise.
 fn plain() -> FrameFormat {
     let depth = DepthFormat::Bounded(DepthBound::default());

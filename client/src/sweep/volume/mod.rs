@@ -5,20 +5,31 @@
 //! Time is that of a whole display frame, settings taking turns.
 
 mod elsewhere;
+mod rules;
 mod settings;
+mod steps;
 mod study;
 
 use super::surface::median_and_spread;
 use super::{Point, Progress, Request, SweepError};
 use crate::loopback::ReceivedFrame;
 use crate::march::Marcher;
-pub(super) use settings::{Setting, angles, compressions, densities, layers};
+pub(super) use rules::measure as measure_rules;
+pub(super) use settings::{Setting, angles, compressions, densities, layers, rules};
 use std::collections::BTreeMap;
-use study::{Background, PictureError, Study};
+pub(super) use steps::{march_steps, march_strides};
+pub(super) use study::Study;
+use study::{Background, PictureError};
 use warplight_protocol::codec::PlaneKind;
 
 /// The built-in scenes of the thesis's kinds: a cube, a cloud, a scan, nested shells.
 pub(super) const SCENES: [&str; 4] = ["cube", "cloud", "phantom", "shells"];
+/// Scenes of the two marches and of the rules of layering: fine detail, and surfaces within each other.
+pub(super) const DETAILED: [&str; 2] = ["cloud", "shells"];
+/// Longest side of their frames, and of those of a quick sweep: their references take many small steps.
+pub(super) const DETAILED_SIDE_PX: [u32; 2] = [512, 256];
+/// The same for the client's march, whose strides are those of pixels.
+pub(super) const STRIDE_SIDE_PX: [u32; 2] = [1024, 512];
 /// Samples of the light in each voxel, and those of a quick sweep: noise of the light is in both pictures.
 const LIGHT_SPP: [u32; 2] = [8, 2];
 
@@ -29,6 +40,14 @@ struct Shown<'a> {
     errors: [PictureError; 3],
     prepare_ms: Vec<f64>,
     march_ms: Vec<f64>,
+}
+
+/// The cloud, and a frame of it as it arrives where no knob is turned.
+pub(super) fn cloud_study(request: &Request<'_>) -> Result<(Study, ReceivedFrame), SweepError> {
+    let study = Study::new(SCENES[1], 1.0, request.size, LIGHT_SPP[usize::from(request.quick)])?;
+    let Setting { format, color, exactly, .. } = Setting::of_default();
+    let received = study.received(study.tree(format, exactly), format, color)?;
+    Ok((study, received))
 }
 
 /// Measures settings on a scene, and, where there is a folder of planes, what other codecs made of them.

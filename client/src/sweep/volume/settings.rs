@@ -62,6 +62,22 @@ pub(in crate::sweep) fn layers(request: &Request<'_>) -> Vec<Setting> {
     counts.iter().flat_map(of_count).collect()
 }
 
+/// Every rule at every number of layers; the plain program, which takes its time, not in a quick sweep.
+pub(in crate::sweep) fn rules(request: &Request<'_>) -> Vec<Setting> {
+    let counts: &[u8] = if request.quick { &[4] } else { &[2, 4, 8] };
+    let of_count = |&count: &u8| {
+        let mut settings: Vec<Setting> = [Layering::Slabs, Layering::Quantiles, Layering::Merged, Layering::Optimal]
+            .map(|layering| Setting::layered(layering, count))
+            .to_vec();
+        if !request.quick {
+            let exact = Setting::layered(Layering::Optimal, count);
+            settings.push(Setting { exactly: true, value: format!("exact:{count}"), ..exact });
+        }
+        settings
+    };
+    counts.iter().flat_map(of_count).collect()
+}
+
 /// Each method with its layers.
 fn methods(request: &Request<'_>) -> Vec<Setting> {
     let counts: &[u8] = if request.quick { &[4] } else { &[2, 4, 8] };

@@ -6,6 +6,7 @@
 //! or the scene's environment.
 
 use super::super::SweepError;
+use super::Setting;
 use crate::loopback::{Loopback, ReceivedFrame};
 use crate::measure::{dssim, psnr_srgb8};
 use glam::{DQuat, DVec3, Vec3, Vec4};
@@ -13,11 +14,13 @@ use image::RgbImage;
 use rayon::prelude::*;
 use std::sync::Arc;
 use warplight_protocol::codec::FrameShape;
-use warplight_protocol::frame::{ColorCoding, FrameFormat, Plan, Tree, VolumeFormat};
+use warplight_protocol::frame::{ColorCoding, FrameFormat, Layering, Plan, Tree, VolumeFormat};
 use warplight_protocol::tone::ToneTable;
 use warplight_protocol::{Camera, ImageSize, Pose};
 use warplight_server::counters::Counters;
 use warplight_server::frame::{BAND_ROWS, FrameRenderer, FrameRequest, LayersRequest};
+use warplight_server::layering::optimal::cut_plainly;
+use warplight_server::layering::{Cutter, Profile, Segments};
 use warplight_server::march::MediaBounds;
 use warplight_server::scene::Scene;
 
@@ -37,11 +40,11 @@ impl Background {
 }
 
 /// A scene, its light, and the eye that frames are rendered for.
-pub(super) struct Study {
+pub(in crate::sweep) struct Study {
     renderer: FrameRenderer,
     bounds: MediaBounds,
     eye: Pose,
-    pub(super) camera: Camera,
+    pub(in crate::sweep) camera: Camera,
 }
 
 /// How far a picture is from what is really seen.
@@ -69,7 +72,7 @@ impl Study {
     }
 
     /// The eye so many degrees further around.
-    pub(super) fn pose(&self, degrees: f64) -> Pose {
+    pub(in crate::sweep) fn pose(&self, degrees: f64) -> Pose {
         let turn = DQuat::from_axis_angle(DVec3::Y, degrees.to_radians());
         let middle = self.bounds.middle();
         Pose {
@@ -120,6 +123,48 @@ impl Study {
         self.renderer.media_picture(pose, self.camera)
     }
 
+    /// Has the server take steps of so many voxels.
+    pub(super) fn set_march_step(&self, voxels: f32) {
+        self.renderer.set_march_step(voxels);
+    }
+
+    /// What rays of the first pose go through: about so many batches of so many neighbours, spread over the frame.
+    pub(super) fn rays(&self, batch: usize, batches: usize) -> Vec<Vec<Profile>> {
+        let view = self.renderer.media_in_view(&self.pose(0.0), self.camera);
+        let pixels = self.camera.size.pixels();
+        let starts: Vec<usize> = (0..pixels).step_by((pixels / batches).max(batch)).collect();
+        let of_batch = |&start: &usize| {
+            let mut work = Default::default();
+            let ray = |pixel| {
+                let mut profile = Profile::default();
+                view.profile(pixel, &mut work, &mut profile);
+                profile
+            };
+            (start..(start + batch).min(pixels)).map(ray).collect()
+        };
+        starts.par_iter().map(of_batch).collect()
+    }
+
+    /// Cuts rays as a setting says, on all cores.
+    pub(super) fn cut(&self, setting: &Setting, batches: &[Vec<Profile>]) {
+        let range = self.bounds.range(&self.pose(0.0));
+        let layers = usize::from(setting.format.layers);
+        batches.par_iter().for_each_init(
+            || (Cutter::default(), Vec::new()),
+            |(cutter, segments), rays| {
+                segments.resize_with(rays.len(), Segments::default);
+                if setting.exactly && setting.format.layering == Layering::Optimal {
+                    for (ray, segments) in rays.iter().zip(segments.iter_mut()) {
+                        segments.clear();
+                        cut_plainly(ray, layers, segments);
+                    }
+                } else {
+                    cutter.cut(setting.format.layering, layers, range, rays, segments);
+                }
+            },
+        );
+    }
+
     /// How far one picture of the media is from another before a background.
     pub(super) fn error(
         &self,
@@ -134,6 +179,11 @@ impl Study {
             dssim: dssim(&seen, &shown, None).map_err(measured)?,
             psnr_db: psnr_srgb8(&seen, &shown, None).map_err(measured)?,
         })
+    }
+
+    /// The media before black.
+    pub(in crate::sweep) fn before_black(&self, pose: &Pose, media: &[Vec4]) -> RgbImage {
+        self.picture(pose, Background::Black, media)
     }
 
     /// The media before a background.

@@ -248,6 +248,7 @@ fn known(point: Vec3) -> Vec3 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::stability::bound;
     use warplight_protocol::frame::{Interfaces, Plan};
     use warplight_protocol::optics::Interface;
     use warplight_protocol::{Camera, ImageSize, Pose};
@@ -290,6 +291,55 @@ mod tests {
         // What bends by more than the range of the other filter is not blurred, so it is nearer on such large texels.
         let bilateral = sizes.map(|size| error_deg(Normals::FromDepthBilateral, size));
         assert!(bilateral[0] < 0.5 * coarse && bilateral[1] < fine, "{bilateral:?} {coarse} {fine}");
+    }
+
+    /// A mirror everywhere; distances without order, with edges, holes and infinities, flat and collinear.
+    #[test]
+    fn stability_normals_from_depth() {
+        let mut length = bound!("normals from depth", "length of a normal off 1", 1e-5);
+        let mut backwards =
+            bound!("normals from depth", "normals that are undefined, or face away, before a filter", 0.0);
+        let size = ImageSize::new(23, 17);
+        let camera = Camera::symmetric(1.0, size);
+        let extremes = [0.0, -1.0, f32::NAN, f32::INFINITY, f32::NEG_INFINITY, 1e-30, 1e-45, 1e30, f32::MAX];
+        for case in 0..60_usize {
+            let mut tree = Tree::new(Pose::IDENTITY, camera, Plan::solid(), Interfaces(vec![Interface::Mirror]));
+            for (node, pixel) in (0..3).flat_map(|node| (0..size.pixels()).map(move |pixel| (node, pixel))) {
+                let (x, y) = (pixel % 23, pixel / 23);
+                let noise = (pixel * 7919 + case * 104_729 + node * 31) % 97;
+                let ray = camera.ray_in_view(size.pixel_centre(pixel));
+                tree.nodes[node].distance[pixel] = match case % 6 {
+                    // An edge of depth, along columns and along both.
+                    0 => ray.length() * if x < 11 { 1.0 } else { 5.0 },
+                    1 => ray.length() * if (x / 3 + y / 2) % 2 == 0 { 1.0 } else { 4.0 },
+                    // Every other texel something that is none.
+                    2 if noise % 2 == 0 => extremes[noise % extremes.len()],
+                    // A plane seen edge on: neighbours in one line with the eye.
+                    3 => 1e4_f32.powf(y as f32 / 17.0),
+                    4 => extremes[case / 6 % extremes.len()],
+                    5 => 0.1 + noise as f32,
+                    _ => 2.0,
+                };
+                if node != 1 {
+                    tree.nodes[node].interface[pixel] = u8::from(noise % 5 > 0 || case % 2 == 0);
+                    tree.nodes[node].set_normal(pixel, Vec3::Z);
+                }
+            }
+            for kind in [Normals::FromDepthGaussian, Normals::FromDepthBilateral] {
+                let (mut optics, mut from_depth) = (Optics::default(), FromDepth::default());
+                optics.prepare(&tree.interfaces);
+                from_depth.compute(kind, &tree, tree.plan.nodes(), &[true, false, true, false], &optics);
+                for (node, texel) in [0, 2].into_iter().flat_map(|node| (0..size.pixels()).map(move |t| (node, t))) {
+                    let found = Vec3::from_array([0, 1, 2].map(|axis| from_depth.axis(node, axis)[texel]));
+                    length.see((found.length() - 1.0).abs().into(), format!("case {case}, {kind:?}, texel {texel}"));
+                    let Surface { point, direction, raw, .. } = &from_depth.surfaces[node];
+                    // Of the Gaussian the raw ones are overwritten by the sums along rows.
+                    let is_known = !point[texel].is_nan() && kind == Normals::FromDepthBilateral;
+                    let faces_away = is_known && raw[texel].dot(direction[texel]) > 1e-6;
+                    backwards.count(!found.is_finite() || faces_away, format!("case {case}, {kind:?}, texel {texel}"));
+                }
+            }
+        }
     }
 
     #[test]

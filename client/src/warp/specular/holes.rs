@@ -186,6 +186,18 @@ pub(super) fn complete_from(
     });
 }
 
+/// Marks the pixels that are filled with what is not known of them.
+pub(super) fn mark(width: usize, states: &[BandState], mask: &mut [bool]) {
+    for (tile_y, BandState { holes, parts, .. }) in states.iter().enumerate() {
+        for hole in holes {
+            let of_hole = &parts[hole.parts[0] as usize..hole.parts[1] as usize];
+            if of_hole.iter().any(|part| part.guess.w <= 0.0) {
+                mask[(tile_y * TILE + usize::from(hole.y)) * width + usize::from(hole.x)] = true;
+            }
+        }
+    }
+}
+
 /// Fills what is still missing from around it.
 pub(super) fn fill(width: usize, canvas: &mut Canvas<'_>, pyramid: &mut Pyramid, states: &mut [BandState]) {
     let missing = |state: &BandState| {
@@ -202,7 +214,8 @@ pub(super) fn fill(width: usize, canvas: &mut Canvas<'_>, pyramid: &mut Pyramid,
             }
         }
     });
-    for node in (0..MAX_NODES).filter(|node| missing >> node & 1 == 1) {
+    let wanted = if pyramid.leaves_holes() { 0 } else { missing };
+    for node in (0..MAX_NODES).filter(|node| wanted >> node & 1 == 1) {
         pyramid.build(node);
         let pyramid = &*pyramid;
         states.par_iter_mut().enumerate().for_each(|(tile_y, BandState { holes, parts, .. })| {

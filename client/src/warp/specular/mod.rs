@@ -22,6 +22,7 @@ mod shade;
 mod tile;
 
 use super::canvas::Canvas;
+use super::filling::Epipole;
 use super::prepared::Prepared;
 use super::pyramid::{Pyramid, TILE};
 use crate::lanes::Level;
@@ -135,6 +136,7 @@ impl Specular {
         let motion = view.motion(frame);
         let Specular { splat, grid, states, size, .. } = self;
         pyramid.fit(*size, frame.node_count);
+        pyramid.set_epipole(Epipole::new(&frame.pose, view.display_pose, view.camera));
         states.resize_with(grid.tiles_y, BandState::default);
         states.iter_mut().for_each(|state| state.reset(size.0, frame.node_count));
         let context = Context { frame, motion: &motion, splat, grid, width: size.0, height: size.1 };
@@ -163,6 +165,13 @@ impl Specular {
             holes::complete_from(view.level, &context, canvas, pyramid, states);
         }
         holes::fill(size.0, canvas, pyramid, states);
+    }
+
+    /// Which pixels of the last picture were filled with what is not known of them.
+    pub(super) fn filled(&self) -> Vec<bool> {
+        let mut mask = vec![false; self.size.0 * self.size.1];
+        holes::mark(self.size.0, &self.states, &mut mask);
+        mask
     }
 
     /// What each node lacked in the last picture, and the fraction of pixels at which any lacked something.

@@ -45,7 +45,7 @@ fn segment(front_m: f32, back_m: f32, optical_depth: f32, source: f32) -> Volume
     VolumeSegment { front_m, back_m, optical_depth, source: Vec3::splat(source) }
 }
 
-/// numerics: the depth code at near, at far, behind the eye, infinite and NaN.
+/// The depth code at near, at far, behind the eye, infinite and NaN.
 #[test]
 fn depths_come_back_within_half_a_unit_and_units_rise_with_them() {
     for (range, bits) in [(RANGE, 4), (RANGE, 12), (VolumeRange { near_m: 0.0, far_m: 1000.0 }, 12), (RANGE, 16)] {
@@ -114,7 +114,7 @@ fn what_a_segment_sends_survives_the_coding_of_its_optical_depth() {
     }
 }
 
-/// numerics: layering that degenerates: segments without length, at the far end, out of order, without numbers.
+/// Layering that degenerates: segments without length, at the far end, out of order, without numbers.
 #[test]
 fn segments_that_are_none_or_too_short_come_back_in_order() {
     let format = VolumeFormat::default();

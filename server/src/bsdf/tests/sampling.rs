@@ -2,6 +2,8 @@
 
 use super::*;
 use crate::bsdf::microfacet::Facets;
+use crate::stability::bound;
+use crate::testing::chi_square::Outcome;
 use crate::testing::{chi_square, critical_z};
 use warplight_protocol::optics::{reflect, refract};
 
@@ -10,7 +12,7 @@ const SAMPLES: u32 = 30_000;
 const COMPARISONS: usize = 400;
 
 /// Chi-square about `axis`; the density sums to 1 at most.
-fn follows(name: &str, bsdf: &Bsdf, axis: Vec3, lobes: Lobes) {
+fn follows(name: &str, bsdf: &Bsdf, axis: Vec3, lobes: Lobes) -> Outcome {
     // A draw that sends no light gives no sample.
     let density = |towards| {
         let of = bsdf.evaluate(towards, lobes);
@@ -20,6 +22,52 @@ fn follows(name: &str, bsdf: &Bsdf, axis: Vec3, lobes: Lobes) {
     assert!(outcome.z < critical_z(COMPARISONS, f64::INFINITY), "{name} {lobes:?}: {outcome:?}");
     // f32 densities of lobes as narrow as 1e-4 are off by a thousandth (see SMOOTH_ALPHA).
     assert!(outcome.integral < 1.003, "{name} {lobes:?}: {outcome:?}");
+    outcome
+}
+
+/// From a roughness of 1e-4, which is as good as 0, to 1; albedo 1, and black.
+#[test]
+fn stability_sampling_of_surfaces() {
+    let most_z = critical_z(COMPARISONS, f64::INFINITY);
+    let mut z = bound!("sampling", "chi-square of surfaces, in standard deviations", most_z);
+    let mut integral = bound!("sampling", "densities above 1 in all", 0.003);
+    let mut infinite = bound!("sampling", "weights that are infinite, negative or no number", 0.0);
+    for (alpha, distribution) in [(0.0, DISTRIBUTIONS[0]), (1e-4, DISTRIBUTIONS[0]), (1.0, DISTRIBUTIONS[1])] {
+        let finish = isotropic(distribution, alpha);
+        let black = Standard { base: Color::Constant(Vec3::ZERO), ..standard(finish) };
+        let black_metal = Standard { metallic: Scalar::Constant(1.0), ..black };
+        for (index, surface) in [
+            white_metal(finish),
+            pane(1.5, finish),
+            Surface::Standard(standard(finish)),
+            Surface::Standard(black),
+            Surface::Standard(black_metal),
+            Surface::Diffuse { albedo: Color::Constant(Vec3::ZERO) },
+            Surface::Diffuse { albedo: Color::Constant(Vec3::ONE) },
+        ]
+        .into_iter()
+        .enumerate()
+        {
+            let probe = Probe::new(surface);
+            for mu in COSINES {
+                let eye = direction(mu, 0.7);
+                let bsdf = probe.seen_from(eye);
+                let name = format!("{distribution:?} {alpha} {mu}, surface {index}");
+                for draw in 0..500 {
+                    let mut sampler = Sampler::new(21, draw, 0);
+                    let sample = bsdf.sample(sampler.value(), sampler.pair(), Lobes::ALL);
+                    let is_bad = |weight: Vec3| !weight.is_finite() || weight.min_element() < 0.0;
+                    infinite.count(sample.is_some_and(|s| is_bad(s.weight) || s.pdf.is_nan() || s.pdf <= 0.0), &name);
+                }
+                let lobes = Lobes { refracted: false, ..Lobes::ALL };
+                if bsdf.has(lobes) && (alpha == 0.0) == (index >= 5) {
+                    let outcome = follows(&name, &bsdf, mirrored(eye), lobes);
+                    z.see(outcome.z, &name);
+                    integral.see((outcome.integral - 1.0).max(0.0), &name);
+                }
+            }
+        }
+    }
 }
 
 fn mirrored(towards_eye: Vec3) -> Vec3 {

@@ -68,6 +68,7 @@ fn session(world: &World) -> ServerSession {
         interfaces: Interfaces::default(),
         media: MediaBounds::default(),
         samples: SampleBudget::Samples(1),
+        costs: None,
         max_still_spp: 16,
         strip_rows: 32,
         guard_rad: 0.0,
